@@ -1,0 +1,45 @@
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "calib/camera.hpp"
+
+namespace calib {
+
+/// When a sensor measured, by the sensor's (ROS message's) clock: nanoseconds since the epoch of that clock.
+using Timestamp = std::chrono::nanoseconds;
+
+/// An 8-bit grey image. Row-major, no padding: `pixels.size() == width * height`.
+struct Image {
+  Timestamp stamp{};
+  int width = 0;
+  int height = 0;
+  std::vector<std::uint8_t> pixels;
+};
+
+/// One LiDAR return in the LiDAR frame.
+struct LidarPoint {
+  float x_m, y_m, z_m;
+  /// Reflectance in the sensor's own unit, 0 where the sensor gives none.
+  float reflectance;
+};
+
+/// One revolution of a LiDAR: only finite points within 500 m.
+struct LidarScan {
+  Timestamp stamp{};
+  std::vector<LidarPoint> points;
+};
+
+/// An image, the scan taken at nearly the same time, and the right image when the pair has a stereo camera.
+struct FramePair {
+  Image image;
+  std::optional<Image> right_image;
+  LidarScan scan;
+  /// Scan stamp minus image stamp.
+  [[nodiscard]] std::chrono::nanoseconds time_difference() const { return scan.stamp - image.stamp; }
+};
+
+}  // namespace calib

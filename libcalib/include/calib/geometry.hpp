@@ -1,0 +1,49 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <array>
+#include <string_view>
+
+#include "calib/result.hpp"
+
+namespace calib {
+
+using Vector6 = Eigen::Matrix<double, 6, 1>;
+
+/// A rigid transform; a variable of this type is named `T_<to>_<from>`, so that
+/// `p_camera = T_camera_lidar * p_lidar` (paper, Sec. "Mathematical Formulation"). Metres.
+using RigidTransform = Eigen::Isometry3d;
+
+/// Degrees appear only where people read.
+inline constexpr double radians_per_degree = 0.017453292519943295;
+
+/// Names of the six entries of a perturbation, in order.
+inline constexpr std::array<std::string_view, 6> axis_names{"roll", "pitch", "yaw", "x", "y", "z"};
+
+/// The rigid motion with parameters `delta` = (roll, pitch, yaw [rad], x, y, z [m]) about the axes of the frame it
+/// acts in: rotation R = Rx(roll) Ry(pitch) Rz(yaw), then translation (the paper's Theta).
+///
+/// A LiDAR that has moved by `delta` in its own frame has `T_camera_lidar * perturbation(delta)` as its new
+/// extrinsic. So a misalignment is read directly as how far the LiDAR was knocked.
+[[nodiscard]] RigidTransform perturbation(const Vector6& delta);
+
+/// `perturbation(delta)` whose rotation turns about `pivot` (metres, same frame) instead of the origin.
+[[nodiscard]] RigidTransform perturbation_about(const Vector6& delta, const Eigen::Vector3d& pivot);
+
+/// Inverse of `perturbation`: delta with |pitch| <= pi/2.
+[[nodiscard]] Vector6 perturbation_parameters(const RigidTransform& motion);
+
+/// Angle of the rotation part, in [0, pi] radians.
+[[nodiscard]] double rotation_angle_rad(const RigidTransform& motion);
+
+/// A transform from a translation (metres) and a quaternion (x, y, z, w).
+/// Fails with `bad_transform` when a value is not finite or | |q| - 1 | > 1e-3; within that, q is normalised.
+[[nodiscard]] Result<RigidTransform> make_transform(const std::array<double, 3>& translation_m,
+                                                    const std::array<double, 4>& quaternion_xyzw);
+
+/// The rotation as a unit quaternion (x, y, z, w) with w >= 0, the one form that is written anywhere.
+[[nodiscard]] std::array<double, 4> quaternion_xyzw(const RigidTransform& transform);
+[[nodiscard]] std::array<double, 3> translation_m(const RigidTransform& transform);
+
+}  // namespace calib

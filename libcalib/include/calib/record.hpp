@@ -1,0 +1,85 @@
+#pragma once
+
+#include <array>
+#include <chrono>
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "calib/geometry.hpp"
+#include "calib/signature.hpp"
+
+namespace calib {
+
+/// What was decided about an extrinsic.
+enum class Decision {
+  initial,      // taken from the configuration; nothing was computed
+  accepted,     // computed, passed the gates, now in force
+  proposed,     // computed, passed the gates, waiting for `calibctl accept`
+  rejected,     // computed, a gate said no; the extrinsic before it stays in force
+  rolled_back,  // an earlier record's extrinsic, in force again
+};
+
+/// One signed decision about a pair's extrinsic. The text of the format is proto/record.md.
+struct CalibrationRecord {
+  std::string vehicle;
+  std::string pair;
+  /// Counts the records of one store, over all pairs, from 1 without a gap.
+  std::uint64_t sequence = 0;
+  /// SHA-256 (lower-case hex) of the canonical bytes of record `sequence - 1`; 64 zeros for the first.
+  std::string previous_sha256;
+  Decision decision = Decision::initial;
+  /// Why, in words; the failed gate when rejected.
+  std::string reason;
+  /// `calibd`, `configuration` or `uid:<number>` of the person at the control socket.
+  std::string asked_by;
+  /// The extrinsic that this record is about: in force after it, unless proposed or rejected.
+  RigidTransform T_camera_lidar = RigidTransform::Identity();
+  /// The extrinsic in force when the decision was taken.
+  RigidTransform T_camera_lidar_before = RigidTransform::Identity();
+  /// One standard deviation, LiDAR axes (rad, m); none where nothing was computed.
+  std::optional<Vector6> sigma;
+  /// Objective (nats ratio) over the frames used, before and after; none where nothing was computed.
+  struct Score {
+    double before = 0, after = 0;
+    double held_back_before = 0, held_back_after = 0;
+  };
+  std::optional<Score> score;
+  /// Sensor time stamps (nanoseconds) of the images used, fit and held back.
+  std::vector<std::int64_t> frame_stamps_ns;
+  std::string configuration_sha256;
+  std::string software_version;
+  std::string software_sha256;
+  /// When it was decided: UTC, and the boot it happened in with the time since that boot.
+  std::chrono::nanoseconds wall_time{};
+  std::string boot_id;
+  std::chrono::nanoseconds boot_time{};
+};
+
+[[nodiscard]] std::string_view to_string(Decision decision);
+
+/// The bytes that are hashed, signed and stored: JSON, keys sorted, no white space, shortest numbers that round-trip.
+[[nodiscard]] std::string canonical_bytes(const CalibrationRecord& record);
+
+/// Strict inverse of `canonical_bytes`: fails with `malformed_record` on an unknown or missing key, a wrong type, or
+/// bytes that are not in canonical form.
+[[nodiscard]] Result<CalibrationRecord> parse_record(std::string_view canonical);
+
+/// A record as it is kept: canonical bytes and the minisign signature file over them.
+struct SignedRecord {
+  std::string canonical;
+  std::string signature;
+};
+
+[[nodiscard]] Result<SignedRecord> sign_record(const CalibrationRecord& record, const SigningKey& key);
+
+/// The record, when `key` signed exactly these bytes and it names the same sequence and predecessor.
+/// `expected_previous_sha256` is `sha256_hex` of the record before it, or 64 zeros. Fails with `bad_signature`,
+/// `wrong_key` ("signed by X, you have Y"), `broken_chain` or `malformed_record`.
+[[nodiscard]] Result<CalibrationRecord> verify_record(const SignedRecord& record, const PublicKey& key,
+                                                      std::string_view expected_previous_sha256,
+                                                      std::uint64_t expected_sequence);
+
+[[nodiscard]] std::string sha256_hex(std::string_view bytes);
+
+}  // namespace calib

@@ -1,0 +1,54 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <string_view>
+
+#include "calib/result.hpp"
+
+namespace calib {
+
+/// Ed25519 keys and signatures in minisign's formats, so that `minisign -V` checks what calibd signs.
+/// Key id: minisign's eight bytes, shown as it shows them (16 upper-case hex digits, last byte first).
+
+struct PublicKey {
+  std::array<std::uint8_t, 8> id{};
+  std::array<std::uint8_t, 32> key{};
+  [[nodiscard]] std::string id_text() const;
+};
+
+/// Wiped from memory when destroyed.
+class SigningKey {
+ public:
+  [[nodiscard]] static SigningKey generate();
+  /// Reads an unencrypted minisign secret key (`minisign -G -W` or `calibctl keygen`).
+  /// Fails with `key_not_found`, `key_permissions` (readable by others) or `bad_key`.
+  [[nodiscard]] static Result<SigningKey> load(const std::filesystem::path& file);
+  /// Writes FILE (mode 0600) and the public key beside it (FILE with .pub for its extension, mode 0644); never overwrites.
+  [[nodiscard]] Result<void> save(const std::filesystem::path& file) const;
+
+  [[nodiscard]] PublicKey public_key() const;
+  /// A minisign signature file (pre-hashed, `ED`) over `bytes`, with a trusted comment.
+  [[nodiscard]] std::string sign(std::string_view bytes, std::string_view trusted_comment) const;
+
+  SigningKey(SigningKey&&) noexcept;
+  SigningKey& operator=(SigningKey&&) noexcept;
+  SigningKey(const SigningKey&) = delete;
+  SigningKey& operator=(const SigningKey&) = delete;
+  ~SigningKey();
+
+ private:
+  SigningKey() = default;
+  std::array<std::uint8_t, 8> id_{};
+  std::array<std::uint8_t, 64> secret_{};
+};
+
+[[nodiscard]] Result<PublicKey> load_public_key(const std::filesystem::path& file);
+
+/// Fails with `wrong_key` or `bad_signature`.
+[[nodiscard]] Result<void> verify_signature(std::string_view bytes, std::string_view signature_file,
+                                            const PublicKey& key);
+
+}  // namespace calib

@@ -1,0 +1,91 @@
+#pragma once
+
+#include <array>
+#include <chrono>
+#include <cstdint>
+#include <map>
+#include <nlohmann/json_fwd.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "calib/geometry.hpp"
+
+namespace calib {
+
+/// The state of a pair's calibration. `not_evaluated` is a normal state, always with a reason, never shown as OK.
+enum class Verdict { not_evaluated, calibrated, suspect, drifted };
+
+[[nodiscard]] std::string_view to_string(Verdict verdict);
+[[nodiscard]] Result<Verdict> parse_verdict(std::string_view text);
+
+/// Wall time, nanoseconds since the UNIX epoch.
+using WallTime = std::chrono::nanoseconds;
+
+/// Everything calibd says about itself, collected once; every output (JSON, terminal, diagnostics) formats this.
+struct PairStatus {
+  std::string name;
+  Verdict verdict = Verdict::not_evaluated;
+  std::string reason;
+  WallTime since{};
+  std::optional<WallTime> last_evaluated;
+  std::uint64_t evaluated = 0;
+  /// Samples or pairs that were not evaluated, by reason.
+  std::map<std::string, std::uint64_t> skipped;
+
+  struct Score {
+    double current = 0, best_neighbour = 0;
+    std::optional<double> baseline;
+  };
+  std::optional<Score> score;
+
+  /// How far the LiDAR seems to have moved in its own frame (rad, m), and one standard deviation.
+  struct Misalignment {
+    Vector6 delta = Vector6::Zero(), sigma = Vector6::Zero();
+  };
+  std::optional<Misalignment> misalignment;
+
+  RigidTransform T_camera_lidar = RigidTransform::Identity();
+  /// A computed extrinsic that waits for `calibctl accept`, and its record.
+  struct Proposed {
+    RigidTransform T_camera_lidar = RigidTransform::Identity();
+    std::uint64_t record_sequence = 0;
+  };
+  std::optional<Proposed> proposed;
+
+  /// The record of the extrinsic in force.
+  struct Record {
+    std::uint64_t sequence = 0;
+    std::string key_id;
+    bool verified = false;
+    WallTime created{};
+  };
+  std::optional<Record> record;
+
+  struct Input {
+    std::string topic;
+    /// Since the last sample was received; none when there was none since the start.
+    std::optional<double> age_s;
+  };
+  Input image, cloud;
+  std::optional<Input> right_image;
+  std::optional<double> time_difference_ms;
+};
+
+struct Status {
+  std::string vehicle;
+  bool running = false;
+  std::string version;
+  double uptime_s = 0;
+  std::vector<PairStatus> pairs;
+  std::uint64_t feed_queued = 0;
+};
+
+/// The form of proto/status.schema.json; angles in degrees, translations of `misalignment` in centimetres,
+/// times as RFC 3339 UTC.
+[[nodiscard]] nlohmann::json to_json(const Status& status);
+
+/// RFC 3339, UTC, milliseconds: `2026-01-31T12:00:00.000Z`.
+[[nodiscard]] std::string rfc3339(WallTime time);
+
+}  // namespace calib

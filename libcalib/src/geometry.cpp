@@ -1,0 +1,68 @@
+#include "calib/geometry.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+namespace calib {
+
+RigidTransform perturbation(const Vector6& delta) {
+  RigidTransform motion = RigidTransform::Identity();
+  motion.linear() = (Eigen::AngleAxisd(delta[0], Eigen::Vector3d::UnitX()) *
+                     Eigen::AngleAxisd(delta[1], Eigen::Vector3d::UnitY()) *
+                     Eigen::AngleAxisd(delta[2], Eigen::Vector3d::UnitZ()))
+                        .toRotationMatrix();
+  motion.translation() = delta.tail<3>();
+  return motion;
+}
+
+RigidTransform perturbation_about(const Vector6& delta, const Eigen::Vector3d& pivot) {
+  RigidTransform motion = perturbation(delta);
+  motion.translation() += pivot - motion.linear() * pivot;
+  return motion;
+}
+
+Vector6 perturbation_parameters(const RigidTransform& motion) {
+  // R = Rx Ry Rz: R(0,2) = sin(pitch), R(0,0..1) = cos(pitch) (cos(yaw), -sin(yaw)).
+  const Eigen::Matrix3d R = motion.linear();
+  Vector6 delta;
+  delta[0] = std::atan2(-R(1, 2), R(2, 2));
+  delta[1] = std::asin(std::clamp(R(0, 2), -1.0, 1.0));
+  delta[2] = std::atan2(-R(0, 1), R(0, 0));
+  delta.tail<3>() = motion.translation();
+  return delta;
+}
+
+double rotation_angle_rad(const RigidTransform& motion) {
+  const Eigen::Quaterniond q(motion.linear());
+  return 2 * std::atan2(q.vec().norm(), std::abs(q.w()));
+}
+
+Result<RigidTransform> make_transform(const std::array<double, 3>& translation,
+                                      const std::array<double, 4>& quaternion) {
+  const auto finite = [](double value) { return std::isfinite(value); };
+  if (!std::ranges::all_of(translation, finite) || !std::ranges::all_of(quaternion, finite))
+    return fail("bad_transform", "a transform holds a number that is not finite");
+  const Eigen::Quaterniond q(quaternion[3], quaternion[0], quaternion[1], quaternion[2]);
+  if (std::abs(q.norm() - 1) > 1e-3)
+    return fail("bad_transform", "quaternion_xyzw has norm " + std::to_string(q.norm()) +
+                                     " where 1 is needed (order is x, y, z, w)");
+  RigidTransform transform = RigidTransform::Identity();
+  transform.linear() = q.normalized().toRotationMatrix();
+  transform.translation() = Eigen::Vector3d(translation[0], translation[1], translation[2]);
+  return transform;
+}
+
+std::array<double, 4> quaternion_xyzw(const RigidTransform& transform) {
+  Eigen::Quaterniond q(transform.linear());
+  q.normalize();
+  const double sign = q.w() < 0 ? -1 : 1;
+  return {sign * q.x(), sign * q.y(), sign * q.z(), sign * q.w()};
+}
+
+std::array<double, 3> translation_m(const RigidTransform& transform) {
+  const auto& t = transform.translation();
+  return {t.x(), t.y(), t.z()};
+}
+
+}  // namespace calib
