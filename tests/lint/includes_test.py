@@ -1,0 +1,100 @@
+"""Who may include and link whom. The order of libcalib's headers is the order in which data walks through it."""
+
+import pathlib
+import re
+
+import pytest
+
+ORDER = ("result geometry camera frame pairing depth quality features mutual_information drift recalibrate "
+         "signature record store status formats").split()
+# A header that carries one estimator or backend stands beside the interface that it implements.
+BESIDE = {"depth_stereo": "depth", "depth_onnx": "depth"}
+
+FOREIGN = re.compile(r"^(dds/|cyclonedds|spdlog/|fmt/|systemd/|yaml-cpp/|CLI/|mosquitto)")
+NOT_PURE = {"iostream", "cstdio", "stdio.h", "print", "thread", "mutex", "condition_variable", "future", "atomic",
+            "pthread.h", "ctime", "time.h", "sys/time.h"}
+NOT_PURE_CALLS = re.compile(r"\b(getenv|setenv|system_clock|steady_clock|high_resolution_clock|clock_gettime|"
+                            r"std::jthread|std::thread|std::async|printf|fprintf|puts|omp_\w+)\b|#pragma omp")
+
+INCLUDE = re.compile(r'^\s*#\s*include\s*[<"]([^>"]+)[>"]', re.MULTILINE)
+
+
+def sources(folder):
+    return sorted(path for path in folder.rglob("*") if path.suffix in {".hpp", ".cpp", ".h", ".c"})
+
+
+def without_comments(text):
+    return re.sub(r"//[^\n]*|/\*.*?\*/", "", text, flags=re.DOTALL)
+
+
+def place(stem):
+    return ORDER.index(BESIDE.get(stem, stem))
+
+
+def violations_in_libcalib(path, text):
+    """What a file of libcalib does that it may not, as sentences."""
+    code = without_comments(text)
+    includes = INCLUDE.findall(code)
+    found = [f"includes <{name}>" for name in includes if FOREIGN.match(name) or name in NOT_PURE]
+    found += [f"uses {match.group(0)}" for match in NOT_PURE_CALLS.finditer(code)]
+    stem = path.stem
+    if BESIDE.get(stem, stem) not in ORDER:
+        return found + [f"{stem} is not in the table of libcalib's files: add it to ORDER or BESIDE"]
+    for name in includes:
+        if not name.startswith("calib/"):
+            continue
+        other = pathlib.PurePath(name).stem
+        if place(other) > place(stem):
+            found.append(f"includes calib/{other}.hpp, which comes after {stem}")
+    return found
+
+
+def test_libcalib_is_pure_and_in_order(source_dir):
+    files = sources(source_dir / "libcalib")
+    assert files
+    found = {str(path.relative_to(source_dir)): violations_in_libcalib(path, path.read_text()) for path in files}
+    assert not {path: why for path, why in found.items() if why}
+
+
+@pytest.mark.parametrize("text", [
+    '#include "dds/dds.h"', "#include <spdlog/spdlog.h>", "# include <systemd/sd-daemon.h>", "#include <iostream>",
+    "#include <thread>", "auto t = std::chrono::steady_clock::now();", 'const char* x = std::getenv("X");',
+    '#include "calib/drift.hpp"', "#pragma omp parallel for"])
+def test_a_violation_is_found(text):
+    assert violations_in_libcalib(pathlib.Path("camera.cpp"), "#include <vector>\n" + text + "\n")
+
+
+def test_a_comment_is_no_violation():
+    assert not violations_in_libcalib(pathlib.Path("camera.cpp"), "// getenv and <iostream> are not for us\n")
+
+
+def test_rooms_include_only_downwards(source_dir):
+    found = []
+    for room, forbidden in {"libcalib": r"daemon|tools|support", "tools": r"daemon/(?!dds/)|support",
+                            "daemon": r"tools|support"}.items():
+        for path in sources(source_dir / room):
+            for name in INCLUDE.findall(without_comments(path.read_text())):
+                if re.match(rf"(\.\./)*({forbidden})/", name):
+                    found.append(f"{path.relative_to(source_dir)} includes {name}")
+    assert not found
+
+
+def linked_by(source_dir, target):
+    """Names that CMake files hand to target_link_libraries(target ...), over the whole project."""
+    linked = set()
+    for listing in source_dir.glob("*/CMakeLists.txt"):
+        text = re.sub(r"#[^\n]*", "", listing.read_text())
+        for call in re.finditer(rf"target_link_libraries\(\s*{re.escape(target)}\s+([^)]*)\)", text):
+            linked.update(call.group(1).split())
+    return linked - {"PUBLIC", "PRIVATE", "INTERFACE"}
+
+
+def test_calibctl_links_no_estimator(source_dir):
+    reached, waiting = set(), ["calibctl"]
+    while waiting:
+        target = waiting.pop()
+        for name in linked_by(source_dir, target) - reached:
+            reached.add(name)
+            waiting.append(name)
+    assert "calib_record" in reached, "calibctl links no record library: has its target been renamed?"
+    assert not {name for name in reached if name == "calib" or re.match(r"opencv|NLopt|onnx|CycloneDDS", name)}

@@ -1,0 +1,63 @@
+# Every test has a DDS domain of its own in CALIBD_TEST_DOMAIN, so that no two programs under test ever meet; build
+# folders start at different domains, so that two of them can be tested at the same time.
+string(MD5 folder_hash "${CMAKE_BINARY_DIR}")
+string(SUBSTRING "${folder_hash}" 0 4 folder_hash)
+math(EXPR folder_domain "0x${folder_hash}" OUTPUT_FORMAT DECIMAL)
+set_property(GLOBAL PROPERTY calibd_next_domain ${folder_domain})
+
+# Labels: unit, daemon, cli, interop, scenario, lint; release-only for what sanitizers would make meaningless.
+# Tests of whole programs run alone: they watch real time, and the machine may have two cores.
+function(_calibd_test_properties name labels timeout)
+  get_property(domain GLOBAL PROPERTY calibd_next_domain)
+  math(EXPR next "${domain} + 1")
+  set_property(GLOBAL PROPERTY calibd_next_domain ${next})
+  math(EXPR domain "${domain} % 100 + 1")
+
+  set(environment CALIBD_TEST_DOMAIN=${domain} CALIBD_BIN_DIR=${CMAKE_BINARY_DIR}/bin
+      CALIBD_SOURCE_DIR=${PROJECT_SOURCE_DIR} UBSAN_OPTIONS=print_stacktrace=1 ${ARGN})
+  # CALIB_KITTI_DRIVE comes from the environment ctest runs in.
+  set_tests_properties(${name} PROPERTIES LABELS "${labels}" TIMEOUT ${timeout} SKIP_RETURN_CODE 77
+                       ENVIRONMENT "${environment}")
+  foreach(label IN LISTS labels)
+    if(label MATCHES "^(daemon|interop|scenario)$")
+      set_tests_properties(${name} PROPERTIES RUN_SERIAL ON)
+    endif()
+  endforeach()
+endfunction()
+
+# calibd_add_test(NAME foo_test SOURCES unit/foo_test.cpp LIBS calib [LABELS daemon ...] [TIMEOUT seconds])
+# One executable with Catch2 and the support library's main(). The label is `unit` unless others are given.
+function(calibd_add_test)
+  cmake_parse_arguments(PARSE_ARGV 0 arg "" "NAME;TIMEOUT" "SOURCES;LIBS;LABELS")
+  if(arg_UNPARSED_ARGUMENTS OR NOT arg_NAME OR NOT arg_SOURCES)
+    message(FATAL_ERROR "calibd_add_test: NAME and SOURCES are needed; not understood: '${arg_UNPARSED_ARGUMENTS}'")
+  endif()
+  if(NOT arg_LABELS)
+    set(arg_LABELS unit)
+  endif()
+  if(NOT arg_TIMEOUT)
+    set(arg_TIMEOUT 300)
+  endif()
+  add_executable(${arg_NAME} ${arg_SOURCES})
+  target_link_libraries(${arg_NAME} PRIVATE ${arg_LIBS} test_support calibd_options)
+  add_test(NAME ${arg_NAME} COMMAND ${arg_NAME})
+  _calibd_test_properties(${arg_NAME} "${arg_LABELS}" ${arg_TIMEOUT})
+endfunction()
+
+# calibd_add_python_test(NAME foo FILE cli/foo_test.py [LABELS cli ...] [TIMEOUT seconds])
+# Runs pytest from the virtual environment that tools/setup made. The label is the file's folder unless others are given.
+function(calibd_add_python_test)
+  cmake_parse_arguments(PARSE_ARGV 0 arg "" "NAME;FILE;TIMEOUT" "LABELS")
+  if(arg_UNPARSED_ARGUMENTS OR NOT arg_NAME OR NOT arg_FILE)
+    message(FATAL_ERROR "calibd_add_python_test: NAME and FILE are needed; not understood: '${arg_UNPARSED_ARGUMENTS}'")
+  endif()
+  if(NOT arg_LABELS)
+    get_filename_component(arg_LABELS "${arg_FILE}" DIRECTORY)
+  endif()
+  if(NOT arg_TIMEOUT)
+    set(arg_TIMEOUT 300)
+  endif()
+  add_test(NAME ${arg_NAME} WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR}
+           COMMAND ${PROJECT_SOURCE_DIR}/.venv/bin/python -m pytest -p no:cacheprovider -q -rf ${arg_FILE})
+  _calibd_test_properties(${arg_NAME} "${arg_LABELS}" ${arg_TIMEOUT} PYTHONDONTWRITEBYTECODE=1)
+endfunction()

@@ -1,0 +1,12 @@
+#pragma once
+
+// Catch2 version 3 (Debian 13, Ubuntu 24.04) or 2 (Debian 12), with the names that the tests use made the same.
+#if __has_include(<catch2/catch_all.hpp>)
+#include <catch2/catch_all.hpp>
+using Catch::Approx;
+#else
+#include <catch2/catch.hpp>
+namespace Catch::Matchers {
+inline auto ContainsSubstring(const std::string& text) { return Contains(text); }
+}  // namespace Catch::Matchers
+#endif
