@@ -1,6 +1,7 @@
 #include "calib/camera.hpp"
 
 #include <algorithm>
+#include <Eigen/LU>
 #include <cmath>
 #include <limits>
 

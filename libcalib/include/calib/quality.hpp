@@ -1,0 +1,33 @@
+#pragma once
+
+#include "calib/depth.hpp"
+#include "calib/frame.hpp"
+
+namespace calib {
+
+/// What a pair must have to be worth asking. The reasons of a refusal are the codes of the errors.
+struct QualityLimits {
+  double min_mean_grey = 20;         // `dark`: 0 .. 255
+  double max_saturated_share = 0.4;  // `saturated`: of pixels at 250 and above
+  double min_texture = 3;            // `low_texture`: mean absolute grey difference of pixels four apart
+  double min_scene_change = 2;       // `standing_still`: mean absolute grey difference to the last evaluated image
+  double min_valid_depth = 0.15;     // `few_valid_depth`: share of the image
+  int min_points = 1000;             // `low_overlap`: LiDAR points that land on valid depth
+};
+
+/// A small thumbnail of an image: enough to tell that the vehicle has not moved on.
+struct SceneThumbnail {
+  std::vector<std::uint8_t> grey;
+};
+[[nodiscard]] SceneThumbnail thumbnail(const Image& image);
+
+/// Checks, in the order in which they are cheap, all that can be known before depth is computed: `malformed:image_size`
+/// (not the camera's), `dark`, `saturated`, `low_texture`, `standing_still` (against `last`, when there is one),
+/// `low_overlap` (no points).
+[[nodiscard]] Result<void> check_pair(const FramePair& pair, const Camera& camera, const SceneThumbnail* last,
+                                      const QualityLimits& limits);
+
+/// `few_valid_depth`.
+[[nodiscard]] Result<void> check_depth(const DepthMap& depth, const QualityLimits& limits);
+
+}  // namespace calib

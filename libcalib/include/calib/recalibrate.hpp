@@ -1,0 +1,51 @@
+#pragma once
+
+#include <span>
+#include <string>
+#include <vector>
+
+#include "calib/drift.hpp"
+
+namespace calib {
+
+struct RecalibrationSettings {
+  /// The extrinsic stays within these of the starting one, per axis, in the LiDAR frame.
+  SearchBounds bounds;
+  /// The gain on pairs held back must exceed this many of its own standard errors.
+  double min_gain_sigmas = 2;
+  /// A change that stays within these is refused: asked for without evidence of drift, it may be no more than the depth
+  /// source's own bias. Zero where there is evidence.
+  double min_change_rotation_rad = 0;
+  double min_change_translation_m = 0;
+};
+
+/// What a search for the extrinsic found. It is a value like any other: `accepted` says whether it may be used.
+struct Recalibration {
+  bool accepted = false;
+  /// Which gate said no, in words, or why it was accepted.
+  std::string reason;
+  RigidTransform T_camera_lidar = RigidTransform::Identity();
+  /// From the starting extrinsic: how far the LiDAR has moved in its own frame.
+  Vector6 delta = Vector6::Zero();
+  /// One standard deviation of `delta` (rad, m), from the spread over the frames of each axis' optimum.
+  Vector6 sigma = Vector6::Zero();
+  /// False: the pairs held back did not bear out a translation, so only the rotation was changed.
+  bool translation_changed = false;
+  double score_before = 0, score_after = 0;
+  double held_back_before = 0, held_back_after = 0;
+  int evaluations = 0;
+};
+
+/// Finds the extrinsic that maximises the mean score over `fit` by BOBYQA (Powell 2009), as the paper's Algorithm 1 does,
+/// in stages: a coarse look around, rotation alone, then all six parameters, each with 32 and then 64 bins. The search
+/// turns about a point 15 m in front of the camera, which straightens the valley in which pitch trades against z and yaw
+/// against y. `held_back` frames take no part in it and decide: whether translation is moved at all, and whether the
+/// result is better than the start. Deterministic.
+///
+/// Fails with `too_few_pairs` below three frames to fit or two held back, and with `recalibration_failed` when the
+/// optimiser breaks.
+[[nodiscard]] Result<Recalibration> recalibrate(std::span<const FeatureSet> fit, std::span<const FeatureSet> held_back,
+                                                const RigidTransform& T_camera_lidar,
+                                                const RecalibrationSettings& settings);
+
+}  // namespace calib

@@ -1,0 +1,133 @@
+#include "calib/features.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <string>
+
+namespace calib {
+namespace {
+
+/// Upper limits of equally populated classes of `values` (which it sorts): class i holds values <= limits[i].
+/// Sorting a sample of at most 64 k values is enough for 252 classes, and much quicker.
+std::vector<float> equal_population_limits(std::vector<float> values) {
+  std::ranges::sort(values);
+  std::vector<float> limits(FeatureSet::ranks - 1);
+  for (std::size_t i = 0; i < limits.size(); ++i)
+    limits[i] = values[(i + 1) * values.size() / FeatureSet::ranks];
+  return limits;
+}
+
+std::uint8_t rank_of(float value, const std::vector<float>& limits) {
+  return static_cast<std::uint8_t>(std::ranges::lower_bound(limits, value) - limits.begin());
+}
+
+std::vector<std::uint8_t> rank_depth(const DepthMap& depth) {
+  std::vector<float> sample;
+  const std::size_t stride = depth.inverse_depth.size() / 65536 + 1;
+  for (std::size_t i = 0; i < depth.inverse_depth.size(); i += stride)
+    if (depth.inverse_depth[i] > DepthMap::no_depth) sample.push_back(-depth.inverse_depth[i]);
+  std::vector<std::uint8_t> ranks(depth.inverse_depth.size(), FeatureSet::no_depth);
+  if (sample.empty()) return ranks;
+  const std::vector<float> limits = equal_population_limits(std::move(sample));
+  for (std::size_t i = 0; i < ranks.size(); ++i)
+    if (depth.inverse_depth[i] > DepthMap::no_depth) ranks[i] = rank_of(-depth.inverse_depth[i], limits);
+  return ranks;
+}
+
+/// Depth as the pinhole camera with the same intrinsics sees it, by nearest neighbour.
+DepthMap rectify(const DepthMap& depth, const Camera& camera) {
+  DepthMap out{depth.width, depth.height, std::vector<float>(depth.inverse_depth.size(), DepthMap::no_depth)};
+  for (int v = 0; v < out.height; ++v)
+    for (int u = 0; u < out.width; ++u) {
+      const Eigen::Vector3d bearing((u - camera.cx()) / camera.fx(), (v - camera.cy()) / camera.fy(), 1);
+      if (const auto uv = camera.project(bearing)) {
+        const auto from_u = std::lround(uv->x()), from_v = std::lround(uv->y());
+        out.inverse_depth[static_cast<std::size_t>(v) * out.width + u] =
+            depth.inverse_depth[from_v * depth.width + from_u];
+      }
+    }
+  return out;
+}
+
+/// Points that some extrinsic within the bounds can bring into view.
+void keep_points_near_frustum(const LidarScan& scan, const RigidTransform& T_camera_lidar, const SearchBounds& bounds,
+                              FeatureSet& features) {
+  // A rotation by at most `angle` moves a bearing by at most `angle`; test against the cone-dilated image rectangle.
+  const double angle = std::min(1.0, std::sqrt(3.0) * bounds.rotation_rad);
+  const double reach = std::sqrt(3.0) * bounds.translation_m;
+  const double left = std::atan2(-0.5 - features.cx, features.fx) - angle;
+  const double right = std::atan2(features.width - 0.5 - features.cx, features.fx) + angle;
+  const double top = std::atan2(-0.5 - features.cy, features.fy) - angle;
+  const double bottom = std::atan2(features.height - 0.5 - features.cy, features.fy) + angle;
+  const Eigen::Isometry3f T = T_camera_lidar.cast<float>();
+  for (const LidarPoint& point : scan.points) {
+    const Eigen::Vector3f p_lidar(point.x_m, point.y_m, point.z_m);
+    const Eigen::Vector3f p = T * p_lidar;
+    const double range = p.norm();
+    const double extra = range > 2 * reach ? std::asin(reach / range) : 1.0;
+    const double azimuth = std::atan2(p.x(), p.z()), elevation = std::atan2(p.y(), p.z());
+    if (azimuth < left - extra || azimuth > right + extra || elevation < top - extra || elevation > bottom + extra)
+      continue;
+    features.x_m.push_back(point.x_m);
+    features.y_m.push_back(point.y_m);
+    features.z_m.push_back(point.z_m);
+  }
+}
+
+void rank_ranges(FeatureSet& features) {
+  const std::size_t count = features.x_m.size();
+  if (count == 0) return;
+  std::vector<float> range(count);
+  for (std::size_t i = 0; i < count; ++i)
+    range[i] = std::sqrt(features.x_m[i] * features.x_m[i] + features.y_m[i] * features.y_m[i] +
+                         features.z_m[i] * features.z_m[i]);
+  const std::vector<float> limits = equal_population_limits(range);
+  features.range_rank.resize(count);
+  for (std::size_t i = 0; i < count; ++i) features.range_rank[i] = rank_of(range[i], limits);
+}
+
+}  // namespace
+
+std::size_t FeatureSet::memory_bytes() const {
+  return sizeof *this + depth_rank.capacity() + range_rank.capacity() +
+         sizeof(float) * (x_m.capacity() + y_m.capacity() + z_m.capacity());
+}
+
+Result<FeatureSet> make_features(const DepthMap& depth, const LidarScan& scan, const Camera& camera,
+                                 const RigidTransform& T_camera_lidar, const SearchBounds& bounds, int min_points) {
+  if (depth.width != camera.width() || depth.height != camera.height() ||
+      depth.inverse_depth.size() != static_cast<std::size_t>(depth.width) * depth.height)
+    return fail("depth_failed", "the depth map does not have the camera's size");
+  FeatureSet features;
+  features.stamp = scan.stamp;
+  features.width = camera.width();
+  features.height = camera.height();
+  features.fx = static_cast<float>(camera.fx());
+  features.fy = static_cast<float>(camera.fy());
+  features.cx = static_cast<float>(camera.cx());
+  features.cy = static_cast<float>(camera.cy());
+  features.depth_rank = rank_depth(camera.model() == CameraModel::rectified ? depth : rectify(depth, camera));
+
+  keep_points_near_frustum(scan, T_camera_lidar, bounds, features);
+  rank_ranges(features);
+  for (auto* coordinates : {&features.x_m, &features.y_m, &features.z_m}) coordinates->shrink_to_fit();
+
+  int on_depth = 0;
+  for (std::size_t i = 0; i < features.x_m.size(); ++i) {
+    const Eigen::Vector3d p = T_camera_lidar * Eigen::Vector3d(features.x_m[i], features.y_m[i], features.z_m[i]);
+    if (p.z() <= 0) continue;
+    const double u = camera.fx() * p.x() / p.z() + camera.cx(), v = camera.fy() * p.y() / p.z() + camera.cy();
+    if (u < 0 || v < 0 || u > features.width - 1 || v > features.height - 1) continue;
+    const auto pixel = std::lround(v) * features.width + std::lround(u);
+    on_depth += features.depth_rank[pixel] != FeatureSet::no_depth;
+  }
+  if (on_depth < min_points)
+    return fail("low_overlap", std::to_string(on_depth) + " LiDAR points land on pixels with depth, at least " +
+                                   std::to_string(min_points) +
+                                   " are needed; do camera and LiDAR look the same way, and is T_camera_lidar right?");
+  return features;
+}
+
+}  // namespace calib

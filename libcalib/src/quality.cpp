@@ -1,0 +1,84 @@
+#include "calib/quality.hpp"
+
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+
+namespace calib {
+namespace {
+
+constexpr int thumbnail_width = 48, thumbnail_height = 24;
+
+std::string two_decimals(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.2f", value);
+  return text;
+}
+
+double mean_absolute_difference(const SceneThumbnail& a, const SceneThumbnail& b) {
+  double sum = 0;
+  for (std::size_t i = 0; i < a.grey.size(); ++i) sum += std::abs(a.grey[i] - b.grey[i]);
+  return sum / static_cast<double>(a.grey.size());
+}
+
+/// The lesser of two shares or means is what a scene falls short by: one function says all of them alike.
+Result<void> refuse(const char* code, const char* what, double value, double limit) {
+  return fail(code, std::string(what) + " is " + two_decimals(value) + ", the limit is " + two_decimals(limit));
+}
+
+}  // namespace
+
+SceneThumbnail thumbnail(const Image& image) {
+  SceneThumbnail result;
+  result.grey.reserve(thumbnail_width * thumbnail_height);
+  for (int j = 0; j < thumbnail_height; ++j)
+    for (int i = 0; i < thumbnail_width; ++i) {
+      const int u0 = i * image.width / thumbnail_width, u1 = (i + 1) * image.width / thumbnail_width;
+      const int v0 = j * image.height / thumbnail_height, v1 = (j + 1) * image.height / thumbnail_height;
+      int sum = 0, count = 0;
+      for (int v = v0; v < v1; v += 2)
+        for (int u = u0; u < u1; u += 2, ++count)
+          sum += image.pixels[static_cast<std::size_t>(v) * image.width + u];
+      result.grey.push_back(static_cast<std::uint8_t>(count > 0 ? sum / count : 0));
+    }
+  return result;
+}
+
+Result<void> check_pair(const FramePair& pair, const Camera& camera, const SceneThumbnail* last,
+                        const QualityLimits& limits) {
+  const Image& image = pair.image;
+  if (image.width != camera.width() || image.height != camera.height())
+    return fail("malformed:image_size", "the image is " + std::to_string(image.width) + " x " +
+                                            std::to_string(image.height) + ", the configured camera " +
+                                            std::to_string(camera.width()) + " x " + std::to_string(camera.height()));
+  constexpr int step = 4;
+  double grey = 0, saturated = 0, texture = 0;
+  std::size_t count = 0;
+  for (int v = 0; v < image.height; v += step) {
+    const std::uint8_t* row = image.pixels.data() + static_cast<std::ptrdiff_t>(v) * image.width;
+    for (int u = 0; u + step < image.width; u += step, ++count) {
+      grey += row[u];
+      saturated += row[u] >= 250;
+      texture += std::abs(row[u] - row[u + step]);
+    }
+  }
+  const auto n = static_cast<double>(count);
+  if (grey / n < limits.min_mean_grey) return refuse("dark", "mean grey", grey / n, limits.min_mean_grey);
+  if (saturated / n > limits.max_saturated_share)
+    return refuse("saturated", "share of saturated pixels", saturated / n, limits.max_saturated_share);
+  if (texture / n < limits.min_texture) return refuse("low_texture", "texture", texture / n, limits.min_texture);
+  if (last != nullptr)
+    if (const double change = mean_absolute_difference(thumbnail(image), *last); change < limits.min_scene_change)
+      return refuse("standing_still", "grey difference to the last evaluated image", change, limits.min_scene_change);
+  if (pair.scan.points.size() < static_cast<std::size_t>(limits.min_points))
+    return fail("low_overlap", "the scan has only " + std::to_string(pair.scan.points.size()) + " points");
+  return {};
+}
+
+Result<void> check_depth(const DepthMap& depth, const QualityLimits& limits) {
+  if (const double share = depth.valid_share(); share < limits.min_valid_depth)
+    return refuse("few_valid_depth", "share of pixels with depth", share, limits.min_valid_depth);
+  return {};
+}
+
+}  // namespace calib
