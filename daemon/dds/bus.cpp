@@ -1,0 +1,83 @@
+#include "dds/bus.hpp"
+
+#include <fmt/format.h>
+
+#include "dds/names.hpp"
+
+namespace calib {
+namespace {
+
+/// What Cyclone is told. Loopback lacks the multicast flag and still does it. The receive buffer is a wish,
+/// which `net.core.rmem_max` limits; the largest sample is an Image of 64 Mpx with four bytes each.
+std::string cyclone_configuration(std::string_view interface) {
+  const std::string choice = interface == "auto" ? R"(autodetermine="true")"
+                                                 : fmt::format(R"(name="{}" multicast="{}")", interface,
+                                                               interface == "lo" ? "true" : "default");
+  return fmt::format(
+      "<CycloneDDS><Domain><General><Interfaces><NetworkInterface {}/></Interfaces></General>"
+      R"(<Internal><SocketReceiveBufferSize min="default" max="10MB"/><MaxSampleSize>300MB</MaxSampleSize></Internal>)"
+      "</Domain></CycloneDDS>",
+      choice);
+}
+
+}  // namespace
+
+Result<Bus> Bus::open(std::uint32_t domain, std::string_view interface) {
+  if (!is_interface_name(interface))
+    return fail("bad_interface", "a network interface is named like lo, eth0 or auto");
+  Bus bus;
+  const auto opened = [&](Result<Entity> entity, Entity& into) -> Result<void> {
+    if (!entity) return tl::unexpected(entity.error());
+    into = std::move(*entity);
+    return {};
+  };
+  auto result = opened(own(dds_create_domain(domain, cyclone_configuration(interface).c_str()),
+                           fmt::format("DDS domain {} on interface {}", domain, interface)),
+                       bus.domain_);
+  if (result)
+    result = opened(own(dds_create_participant(domain, nullptr, nullptr), "participant"), bus.participant_);
+  if (result)
+    result =
+        opened(own(dds_create_guardcondition(bus.participant_.get()), "guard condition"), bus.interrupt_);
+  if (!result) return tl::unexpected(result.error());
+
+  const auto write = [&](const MessageType& type, std::string_view topic, const Keeping& keeping,
+                         Endpoint& into) -> Result<void> {
+    auto writer = make_writer(bus.participant_.get(), type, topic, keeping);
+    if (!writer) return tl::unexpected(writer.error());
+    into = std::move(*writer);
+    return {};
+  };
+  result = write(diagnostics_type, "/diagnostics", {.reliable = true, .durable = false, .depth = 10},
+                 bus.diagnostics_);
+  if (result)
+    result = write(transforms_type, "/calibd/tf_static_proposed",
+                   {.reliable = true, .durable = true, .depth = 1}, bus.proposed_);
+  if (result)
+    result = write(drift_alert_type, "/calibd/drift_alert", {.reliable = true, .durable = true, .depth = 32},
+                   bus.alerts_);
+  if (!result) return tl::unexpected(result.error());
+  return bus;
+}
+
+Result<SamplingWindow> Bus::open_window(const PairTopics& topics) {
+  return SamplingWindow::open(participant_.get(), interrupt_.get(), topics);
+}
+
+void Bus::interrupt() { dds_set_guardcondition(interrupt_.get(), true); }
+
+Result<void> Bus::publish_diagnostics(const Status& status, WallTime now) {
+  return check(dds_write(diagnostics_.endpoint.get(), diagnostics_message(status, now).get()),
+               "/diagnostics");
+}
+
+Result<void> Bus::publish_proposed(std::span<const ProposedExtrinsic> proposed, WallTime now) {
+  return check(dds_write(proposed_.endpoint.get(), transforms_message(proposed, now).get()),
+               "/calibd/tf_static_proposed");
+}
+
+Result<void> Bus::publish_alert(const DriftAlert& alert) {
+  return check(dds_write(alerts_.endpoint.get(), drift_alert_message(alert).get()), "/calibd/drift_alert");
+}
+
+}  // namespace calib

@@ -1,0 +1,39 @@
+#pragma once
+
+#include <span>
+#include <string_view>
+
+#include "dds/entity.hpp"
+#include "dds/messages.hpp"
+#include "dds/window.hpp"
+
+namespace calib {
+
+/// calibd's place on DDS: one participant, the writers that live as long as it does, and the windows opened
+/// on demand. Every call fails with `dds_failed` and Cyclone's own words when Cyclone does.
+class Bus {
+ public:
+  /// Cyclone's configuration is made here and nowhere else: CYCLONEDDS_URI is not read. `interface` is a
+  /// network interface's name or address, or `auto`. Fails with `bad_interface` or `dds_failed`; one Bus per
+  /// domain and program.
+  [[nodiscard]] static Result<Bus> open(std::uint32_t domain, std::string_view interface);
+
+  [[nodiscard]] Result<SamplingWindow> open_window(const PairTopics& topics);
+  /// Ends the `wait` that is going on in another thread, or else the next one. Not for signal handlers.
+  void interrupt();
+
+  /// `rt/diagnostics`; to be sent once a second.
+  [[nodiscard]] Result<void> publish_diagnostics(const Status& status, WallTime now);
+  /// `rt/calibd/tf_static_proposed`: all that stand, since a late reader gets the last message only.
+  [[nodiscard]] Result<void> publish_proposed(std::span<const ProposedExtrinsic> proposed, WallTime now);
+  /// `rt/calibd/drift_alert`; late readers get the last 32.
+  [[nodiscard]] Result<void> publish_alert(const DriftAlert& alert);
+
+ private:
+  Bus() = default;
+
+  Entity domain_, participant_, interrupt_;
+  Endpoint diagnostics_, proposed_, alerts_;
+};
+
+}  // namespace calib

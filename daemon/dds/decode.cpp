@@ -1,0 +1,199 @@
+#include "dds/decode.hpp"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <optional>
+#include <span>
+#include <string_view>
+
+namespace calib {
+namespace {
+
+constexpr std::uint64_t max_cloud_points = 4'000'000;
+constexpr std::uint32_t max_point_step = 4096;
+constexpr std::uint32_t max_fields = 64;
+constexpr double max_range_m = 500;
+
+std::string_view text(const char* string) { return string ? std::string_view(string) : std::string_view(); }
+
+/// sensor_msgs/PointField's datatypes, in their order from 1.
+enum class Datatype : std::uint8_t { int8 = 1, uint8, int16, uint16, int32, uint32, float32, float64 };
+
+std::uint64_t size_of(Datatype type) {
+  switch (type) {
+    case Datatype::int8:
+    case Datatype::uint8:
+      return 1;
+    case Datatype::int16:
+    case Datatype::uint16:
+      return 2;
+    case Datatype::int32:
+    case Datatype::uint32:
+    case Datatype::float32:
+      return 4;
+    case Datatype::float64:
+      return 8;
+  }
+  return 0;
+}
+
+/// A scalar at any address, in either byte order.
+template <typename T>
+double read_as(const std::uint8_t* bytes, bool swap) {
+  std::array<std::uint8_t, sizeof(T)> raw;
+  std::memcpy(raw.data(), bytes, sizeof(T));
+  if (swap) std::ranges::reverse(raw);
+  return static_cast<double>(std::bit_cast<T>(raw));
+}
+
+double read_scalar(const std::uint8_t* bytes, Datatype type, bool swap) {
+  switch (type) {
+    case Datatype::int8:
+      return read_as<std::int8_t>(bytes, swap);
+    case Datatype::uint8:
+      return read_as<std::uint8_t>(bytes, swap);
+    case Datatype::int16:
+      return read_as<std::int16_t>(bytes, swap);
+    case Datatype::uint16:
+      return read_as<std::uint16_t>(bytes, swap);
+    case Datatype::int32:
+      return read_as<std::int32_t>(bytes, swap);
+    case Datatype::uint32:
+      return read_as<std::uint32_t>(bytes, swap);
+    case Datatype::float32:
+      return read_as<float>(bytes, swap);
+    case Datatype::float64:
+      return read_as<double>(bytes, swap);
+  }
+  return 0;
+}
+
+struct Field {
+  std::uint32_t offset = 0;
+  Datatype type = Datatype::float32;
+};
+
+struct PointLayout {
+  Field x, y, z;
+  std::optional<Field> reflectance;
+};
+
+Result<PointLayout> point_layout(const sensor_msgs_msg_dds__PointCloud2_& message) {
+  if (message.fields._length > max_fields)
+    return fail("malformed:fields", std::to_string(message.fields._length) + " fields where 64 are allowed");
+  std::array<std::optional<Field>, 3> xyz;
+  std::optional<Field> intensity, reflectance;
+  for (const auto& field : std::span(message.fields._buffer, message.fields._length)) {
+    if (field.datatype < 1 || field.datatype > 8)
+      return fail("malformed:field_type",
+                  "datatype " + std::to_string(field.datatype) + " is none of 1 .. 8");
+    const auto type = static_cast<Datatype>(field.datatype);
+    if (std::uint64_t{field.offset} + size_of(type) * field.count > message.point_step)
+      return fail("malformed:field_bounds", "a field reaches past point_step");
+    const std::string_view name = text(field.name);
+    if (name == "x" || name == "y" || name == "z") {
+      std::optional<Field>& axis = xyz[name[0] - 'x'];
+      if (axis || field.count != 1 || (type != Datatype::float32 && type != Datatype::float64))
+        return fail("malformed:xyz",
+                    "field " + std::string(name) + " must be there once, as one FLOAT32 or FLOAT64");
+      axis = Field{field.offset, type};
+    } else if (field.count >= 1 && name == "intensity") {
+      intensity = Field{field.offset, type};
+    } else if (field.count >= 1 && name == "reflectance") {
+      reflectance = Field{field.offset, type};
+    }
+  }
+  if (!xyz[0] || !xyz[1] || !xyz[2]) return fail("malformed:xyz", "a cloud needs the fields x, y and z");
+  return PointLayout{*xyz[0], *xyz[1], *xyz[2], intensity ? intensity : reflectance};
+}
+
+bool all_finite(std::span<const double> values) {
+  return std::ranges::all_of(values, [](double value) { return std::isfinite(value); });
+}
+
+/// Whether `count` coefficients are what a distortion model has.
+bool distortion_fits(std::string_view model, std::size_t count) {
+  if (model.empty()) return count == 0;
+  if (model == "plumb_bob") return count == 0 || count == 4 || count == 5;
+  if (model == "rational_polynomial") return count == 8 || count == 12 || count == 14;
+  if (model == "equidistant") return count == 4;
+  return false;
+}
+
+}  // namespace
+
+Result<Timestamp> decode_stamp(const std_msgs_msg_dds__Header_& header) {
+  if (header.stamp.sec < 0 || header.stamp.nanosec >= 1'000'000'000)
+    return fail("malformed:stamp", "a stamp needs sec >= 0 and nanosec < 1e9");
+  return std::chrono::seconds(header.stamp.sec) + std::chrono::nanoseconds(header.stamp.nanosec);
+}
+
+Result<LidarScan> decode_cloud(const sensor_msgs_msg_dds__PointCloud2_& message) {
+  const auto stamp = decode_stamp(message.header);
+  if (!stamp) return tl::unexpected(stamp.error());
+  if (message.point_step < 1 || message.point_step > max_point_step)
+    return fail("malformed:point_step", std::to_string(message.point_step) + " is outside 1 .. 4096");
+  const std::uint64_t width = message.width, height = message.height, points = width * height;
+  if (points > max_cloud_points)
+    return fail("malformed:cloud_size", std::to_string(points) + " points where 4000000 are allowed");
+  const auto layout = point_layout(message);
+  if (!layout) return tl::unexpected(layout.error());
+  LidarScan scan{*stamp, {}};
+  if (points == 0) return scan;
+  const std::uint64_t row_bytes = width * message.point_step;
+  if (message.row_step < row_bytes)
+    return fail("malformed:row_step",
+                "row_step is less than width * point_step = " + std::to_string(row_bytes));
+  if (message.data._length < (height - 1) * message.row_step + row_bytes)
+    return fail("malformed:cloud_data", "fewer bytes of data than height, row_step and width promise");
+
+  const bool swap = message.is_bigendian != (std::endian::native == std::endian::big);
+  scan.points.reserve(points);
+  for (std::uint64_t row = 0; row < height; ++row) {
+    const std::uint8_t* point = message.data._buffer + row * message.row_step;
+    for (std::uint64_t column = 0; column < width; ++column, point += message.point_step) {
+      const auto read = [&](const Field& field) {
+        return read_scalar(point + field.offset, field.type, swap);
+      };
+      const double x = read(layout->x), y = read(layout->y), z = read(layout->z);
+      const double range = std::hypot(x, y, z);
+      if (!(range > 0 && range <= max_range_m)) continue;  // NaN fails both
+      const float reflectance = layout->reflectance ? static_cast<float>(read(*layout->reflectance)) : 0.0F;
+      scan.points.push_back({static_cast<float>(x), static_cast<float>(y), static_cast<float>(z),
+                             std::isfinite(reflectance) ? reflectance : 0.0F});
+    }
+  }
+  return scan;
+}
+
+Result<CameraInfo> decode_camera_info(const sensor_msgs_msg_dds__CameraInfo_& message) {
+  const auto stamp = decode_stamp(message.header);
+  if (!stamp) return tl::unexpected(stamp.error());
+  const std::uint64_t pixels = std::uint64_t{message.width} * message.height;
+  if (pixels < 1 || pixels > max_image_pixels)
+    return fail("malformed:image_size", std::to_string(pixels) + " pixels are outside 1 .. 64 Mpx");
+  const auto focal_in_range = [](double f) { return f > 1 && f < 1e5; };
+  if (!all_finite(message.k) || !all_finite(message.p) || !focal_in_range(message.k[0]) ||
+      !focal_in_range(message.k[4]))
+    return fail("malformed:intrinsics", "K and P must be finite, with focal lengths in 1 .. 1e5 pixels");
+  const std::span<const double> d(message.d._buffer, message.d._length);
+  const std::string_view model = text(message.distortion_model);
+  if (!distortion_fits(model, d.size()) || !all_finite(d))
+    return fail("malformed:distortion", std::to_string(d.size()) +
+                                            " coefficients do not make a distortion model '" +
+                                            std::string(model.substr(0, 32)) + "'");
+  CameraInfo info{*stamp,
+                  static_cast<int>(message.width),
+                  static_cast<int>(message.height),
+                  std::string(model),
+                  {},
+                  {d.begin(), d.end()},
+                  {}};
+  std::ranges::copy(message.k, info.K.begin());
+  std::ranges::copy(message.p, info.P.begin());
+  return info;
+}
+
+}  // namespace calib

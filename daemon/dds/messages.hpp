@@ -1,0 +1,71 @@
+#pragma once
+
+#include <memory>
+#include <span>
+#include <string>
+
+#include "calib/status.hpp"
+#include "calibd.h"
+#include "dds/entity.hpp"
+#include "ros2.h"
+
+namespace calib {
+
+/// Descriptor and type hash of every message calibd speaks. The hashes are the same from ROS 2 Humble to
+/// Kilted.
+inline const MessageType image_type{&sensor_msgs_msg_dds__Image__desc,
+                                    "d31d41a9a4c4bc8eae9be757b0beed306564f7526c88ea6a4588fb9582527d47"};
+inline const MessageType compressed_image_type{
+    &sensor_msgs_msg_dds__CompressedImage__desc,
+    "15640771531571185e2efc8a100baf923961a4d15d5569652e6cb6691e8e371a"};
+inline const MessageType camera_info_type{&sensor_msgs_msg_dds__CameraInfo__desc,
+                                          "b3dfd68ff46c9d56c80fd3bd4ed22c7a4ddce8c8348f2f59c299e73118e7e275"};
+inline const MessageType cloud_type{&sensor_msgs_msg_dds__PointCloud2__desc,
+                                    "9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5"};
+inline const MessageType diagnostics_type{&diagnostic_msgs_msg_dds__DiagnosticArray__desc,
+                                          "5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e"};
+inline const MessageType transforms_type{&tf2_msgs_msg_dds__TFMessage__desc,
+                                         "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"};
+inline const MessageType drift_alert_type{&calibd_msgs_msg_dds__DriftAlert__desc,
+                                          "fcba5c1a50cfc166e7cc573626b7eae80488aee377f42ca5ae0cc7763019899a"};
+
+/// A computed extrinsic to offer to others: the LiDAR's frame as child of the camera's optical frame.
+struct ProposedExtrinsic {
+  std::string camera_frame;
+  std::string lidar_frame;
+  RigidTransform T_camera_lidar = RigidTransform::Identity();
+};
+
+/// A change of verdict. Mirrors proto/calibd.idl.
+struct DriftAlert {
+  WallTime stamp{};
+  std::uint64_t alert_sequence = 0;
+  std::string vehicle;
+  std::string pair;
+  Verdict verdict = Verdict::not_evaluated;
+  Verdict previous_verdict = Verdict::not_evaluated;
+  std::string reason;
+  PairStatus::Misalignment misalignment;
+  std::uint64_t record_sequence = 0;
+};
+
+/// A message whose strings and sequences are Cyclone's allocations, freed with it.
+template <typename Message, const dds_topic_descriptor_t& descriptor>
+struct FreeMessage {
+  void operator()(Message* message) const { dds_sample_free(message, &descriptor, DDS_FREE_ALL); }
+};
+template <typename Message, const dds_topic_descriptor_t& descriptor>
+using Owned = std::unique_ptr<Message, FreeMessage<Message, descriptor>>;
+
+using DiagnosticArrayMessage =
+    Owned<diagnostic_msgs_msg_dds__DiagnosticArray_, diagnostic_msgs_msg_dds__DiagnosticArray__desc>;
+using TransformsMessage = Owned<tf2_msgs_msg_dds__TFMessage_, tf2_msgs_msg_dds__TFMessage__desc>;
+using DriftAlertMessage = Owned<calibd_msgs_msg_dds__DriftAlert_, calibd_msgs_msg_dds__DriftAlert__desc>;
+
+/// One DiagnosticStatus per pair: calibrated is OK, suspect WARN, drifted ERROR, not_evaluated STALE. Names
+/// end with their unit; degrees and centimetres, as people read this.
+[[nodiscard]] DiagnosticArrayMessage diagnostics_message(const Status& status, WallTime now);
+[[nodiscard]] TransformsMessage transforms_message(std::span<const ProposedExtrinsic> proposed, WallTime now);
+[[nodiscard]] DriftAlertMessage drift_alert_message(const DriftAlert& alert);
+
+}  // namespace calib

@@ -1,0 +1,52 @@
+#include "dds/names.hpp"
+
+#include <algorithm>
+
+namespace calib {
+namespace {
+
+bool is_letter(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z'); }
+bool is_digit(char c) { return c >= '0' && c <= '9'; }
+
+/// `/part/part...`: parts of letters, digits and single underscores that do not begin with a digit.
+bool is_ros_name(std::string_view name) {
+  if (name.size() < 2 || name.size() > 250 || name.front() != '/') return false;
+  char before = 0;
+  for (const char c : name) {
+    const bool fits = c == '/'      ? before != '/'
+                      : c == '_'    ? before != '_'
+                      : is_digit(c) ? before != '/'
+                                    : is_letter(c);
+    if (!fits) return false;
+    before = c;
+  }
+  return name.back() != '/';
+}
+
+}  // namespace
+
+Result<std::string> dds_topic_name(std::string_view topic) {
+  constexpr std::string_view raw = "dds:";
+  if (topic.starts_with(raw)) {
+    topic.remove_prefix(raw.size());
+    const bool visible = std::ranges::all_of(topic, [](char c) { return c > ' ' && c <= '~'; });
+    if (topic.empty() || topic.size() > 255 || !visible)
+      return fail("bad_topic", "a raw topic name is dds: and 1 .. 255 visible ASCII characters");
+    return std::string(topic);
+  }
+  if (!is_ros_name(topic))
+    return fail("bad_topic",
+                "a topic is written as ROS 2 does, absolute: /lidar/points (or dds:NAME for a raw name)");
+  return "rt" + std::string(topic);
+}
+
+bool is_compressed_topic(std::string_view topic) { return topic.ends_with("/compressed"); }
+
+bool is_interface_name(std::string_view name) {
+  constexpr std::string_view marks = ".:_@-";
+  return !name.empty() && name.size() <= 64 && std::ranges::all_of(name, [&](char c) {
+    return is_letter(c) || is_digit(c) || marks.find(c) != std::string_view::npos;
+  });
+}
+
+}  // namespace calib

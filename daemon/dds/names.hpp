@@ -1,0 +1,22 @@
+#pragma once
+
+#include <string>
+#include <string_view>
+
+#include "calib/result.hpp"
+
+namespace calib {
+
+/// The DDS topic that carries a ROS topic: `/lidar/points` gives `rt/lidar/points`, `dds:NAME` gives NAME as
+/// it is. Fails with `bad_topic` when the name is not one that ROS 2 allows, or a raw name is not 1 .. 255
+/// visible characters.
+[[nodiscard]] Result<std::string> dds_topic_name(std::string_view topic);
+
+/// Whether a topic carries CompressedImage, which ROS says by its last part.
+[[nodiscard]] bool is_compressed_topic(std::string_view topic);
+
+/// Whether `name` can be a network interface (or `auto`, the system's choice): 1 .. 64 characters of letters,
+/// digits and `. : _ @ -`. So it needs no escaping where it goes into Cyclone's XML.
+[[nodiscard]] bool is_interface_name(std::string_view name);
+
+}  // namespace calib

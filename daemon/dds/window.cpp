@@ -1,0 +1,93 @@
+#include "dds/window.hpp"
+
+#include <algorithm>
+
+#include "dds/messages.hpp"
+#include "dds/names.hpp"
+
+namespace calib {
+namespace {
+
+/// Takes the one sample that a KEEP_LAST 1 reader can hold, as `As`, or as `Malformed`.
+template <typename As, typename Message, auto decode>
+Result<std::optional<Sample>> take(dds_entity_t reader, const std::string& topic) {
+  void* loan = nullptr;
+  dds_sample_info_t info;
+  const dds_return_t taken = dds_take(reader, &loan, &info, 1, 1);
+  if (const auto took = check(taken, topic); !took) return tl::unexpected(took.error());
+  std::optional<Sample> sample;
+  if (taken == 1 && info.valid_data) {
+    auto decoded = decode(*static_cast<const Message*>(loan));
+    if (decoded)
+      sample = As{std::move(*decoded)};
+    else
+      sample = Malformed{topic, std::move(decoded.error())};
+  }
+  if (taken > 0) dds_return_loan(reader, &loan, taken);
+  return sample;
+}
+
+template <typename As>
+constexpr auto take_image = take<As, sensor_msgs_msg_dds__Image_, decode_image>;
+template <typename As>
+constexpr auto take_compressed = take<As, sensor_msgs_msg_dds__CompressedImage_, decode_compressed_image>;
+constexpr auto take_cloud = take<LidarScan, sensor_msgs_msg_dds__PointCloud2_, decode_cloud>;
+constexpr auto take_camera_info = take<CameraInfo, sensor_msgs_msg_dds__CameraInfo_, decode_camera_info>;
+
+}  // namespace
+
+Result<SamplingWindow> SamplingWindow::open(dds_entity_t participant, dds_entity_t interrupt,
+                                            const PairTopics& topics) {
+  SamplingWindow window;
+  window.interrupt_ = interrupt;
+  auto waitset = own(dds_create_waitset(participant), "waitset");
+  if (!waitset) return tl::unexpected(waitset.error());
+  window.waitset_ = std::move(*waitset);
+
+  auto opened = check(dds_waitset_attach(window.waitset_.get(), interrupt, 0), "waitset");
+  const auto add_image = [&](const std::string& topic, Take raw, Take compressed) {
+    return is_compressed_topic(topic) ? window.add(participant, compressed_image_type, topic, compressed)
+                                      : window.add(participant, image_type, topic, raw);
+  };
+  if (opened) opened = add_image(topics.image, take_image<LeftImage>, take_compressed<LeftImage>);
+  if (opened && topics.right_image)
+    opened = add_image(*topics.right_image, take_image<RightImage>, take_compressed<RightImage>);
+  if (opened) opened = window.add(participant, cloud_type, topics.cloud, take_cloud);
+  if (opened && topics.camera_info)
+    opened = window.add(participant, camera_info_type, *topics.camera_info, take_camera_info);
+  if (!opened) return tl::unexpected(opened.error());
+  return window;
+}
+
+Result<void> SamplingWindow::add(dds_entity_t participant, const MessageType& type, const std::string& topic,
+                                 Take take) {
+  // Best effort matches reliable and best-effort writers, and a slow reader holds no writer back.
+  auto endpoint = make_reader(participant, type, topic, {.reliable = false, .durable = false, .depth = 1});
+  if (!endpoint) return tl::unexpected(endpoint.error());
+  auto new_sample = own(dds_create_readcondition(endpoint->endpoint.get(), DDS_ANY_STATE), topic);
+  if (!new_sample) return tl::unexpected(new_sample.error());
+  if (auto attached = check(dds_waitset_attach(waitset_.get(), new_sample->get(), 0), topic); !attached)
+    return attached;
+  readers_.push_back({topic, std::move(*endpoint), std::move(*new_sample), take});
+  return {};
+}
+
+Result<std::vector<Sample>> SamplingWindow::wait(std::chrono::nanoseconds timeout) {
+  const dds_duration_t patience = std::max<dds_duration_t>(timeout.count(), 0);
+  if (const auto waited = check(dds_waitset_wait(waitset_.get(), nullptr, 0, patience), "waitset"); !waited)
+    return tl::unexpected(waited.error());
+  bool interrupted = false;
+  if (const auto asked = check(dds_take_guardcondition(interrupt_, &interrupted), "guard condition"); !asked)
+    return tl::unexpected(asked.error());
+
+  std::vector<Sample> samples;
+  if (interrupted) return samples;
+  for (const Reader& reader : readers_) {
+    auto sample = reader.take(reader.endpoint.endpoint.get(), reader.topic);
+    if (!sample) return tl::unexpected(sample.error());
+    if (*sample) samples.push_back(std::move(**sample));
+  }
+  return samples;
+}
+
+}  // namespace calib
