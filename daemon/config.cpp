@@ -1,0 +1,235 @@
+#include "config.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <fstream>
+
+#include "calib/record.hpp"
+#include "config_yaml.hpp"
+#include "dds/names.hpp"
+
+namespace calib {
+namespace {
+
+using namespace std::chrono_literals;
+constexpr std::size_t max_bytes = 1 << 20;
+constexpr std::size_t max_pairs = 16;
+
+/// A name that may stand in topics, file names and terminals as it is.
+bool is_name(std::string_view name, std::string_view marks) {
+  return !name.empty() && name.size() <= 64 && std::ranges::all_of(name, [&](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || marks.find(c) != std::string_view::npos;
+  });
+}
+
+std::string topic(const ConfigNode& node) {
+  const std::string name = node.text();
+  if (const auto dds_name = dds_topic_name(name); !dds_name) node.refuse(dds_name.error().context);
+  return name;
+}
+
+std::string frame_id(const ConfigNode& node) {
+  constexpr std::string_view marks = "ABCDEFGHIJKLMNOPQRSTUVWXYZ_-/";
+  const std::string name = node.text();
+  if (!is_name(name, marks)) node.refuse("a frame is named with 1 .. 64 letters, digits, _ - and /");
+  return name;
+}
+
+std::filesystem::path absolute_path(const ConfigNode& node) {
+  const std::filesystem::path path = node.text();
+  if (!path.is_absolute()) node.refuse("needs an absolute path");
+  return path;
+}
+
+std::filesystem::path path_or(const ConfigNode& top, std::string_view key,
+                              const std::optional<std::filesystem::path>& fallback) {
+  if (!fallback || top.find(key)) return absolute_path(top.at(key));
+  return *fallback;
+}
+
+DdsConfig read_dds(const ConfigNode& node) {
+  node.with_keys({"domain", "interface"});
+  DdsConfig dds;
+  if (const auto domain = node.find("domain"))
+    dds.domain = static_cast<std::uint32_t>(domain->integer(0, 230));
+  if (const auto interface = node.find("interface")) {
+    dds.interface = interface->text();
+    if (!is_interface_name(dds.interface))
+      interface->refuse("needs a network interface such as lo or eth0, or auto");
+  }
+  return dds;
+}
+
+SamplingConfig read_sampling(const ConfigNode& node) {
+  node.with_keys({"period", "window", "max_time_difference"});
+  SamplingConfig sampling;
+  if (const auto period = node.find("period")) sampling.period = period->duration(100ms, 24h);
+  if (const auto window = node.find("window"))
+    sampling.window = window->duration(50ms, sampling.period);
+  else
+    sampling.window = std::min(sampling.window, sampling.period);
+  if (const auto difference = node.find("max_time_difference"))
+    sampling.max_time_difference = difference->duration(0ms, 1s);
+  return sampling;
+}
+
+/// Asks `Camera::make` with one more key at a time, so that what it refuses is said of the key it lies in.
+Camera read_camera_model(const ConfigNode& node) {
+  const ConfigNode model_key = node.at("model"), size_key = node.at("size"),
+                   intrinsics_key = node.at("intrinsics");
+  const auto model = parse_camera_model(model_key.text());
+  if (!model) model_key.refuse(model.error().context);
+  const auto size = size_key.items();
+  if (size.size() != 2) size_key.refuse("needs width and height in pixels");
+  const int width = size[0].integer(16, 65535), height = size[1].integer(16, 65535);
+  const auto sized = Camera::make(CameraModel::rectified, width, height, {100, 100, 0, 0});
+  if (!sized) size_key.refuse(sized.error().context);
+  const auto intrinsics = intrinsics_key.numbers(4, -1e6, 1e6);
+  const auto pinhole = Camera::make(CameraModel::rectified, width, height, intrinsics);
+  if (!pinhole) intrinsics_key.refuse(pinhole.error().context);
+  const auto distortion_key = node.find("distortion");
+  std::vector<double> distortion;
+  if (distortion_key) distortion = distortion_key->numbers(distortion_key->items().size(), -1e6, 1e6);
+  auto camera = Camera::make(*model, width, height, intrinsics, distortion);
+  if (!camera) distortion_key.value_or(model_key).refuse(camera.error().context);
+  return *camera;
+}
+
+CameraConfig read_camera(const ConfigNode& node) {
+  node.with_keys({"image", "right_image", "info", "frame_id", "model", "size", "intrinsics", "distortion",
+                  "baseline_m"});
+  CameraConfig camera{.image = topic(node.at("image")),
+                      .right_image = topic(node.at("right_image")),
+                      .info = {},
+                      .camera = read_camera_model(node),
+                      .baseline_m = node.at("baseline_m").number(0.01, 10)};
+  if (camera.right_image == camera.image) node.at("right_image").refuse("is the same topic as image");
+  if (const auto info = node.find("info")) camera.info = topic(*info);
+  if (const auto frame = node.find("frame_id")) camera.frame_id = frame_id(*frame);
+  return camera;
+}
+
+LidarConfig read_lidar(const ConfigNode& node) {
+  node.with_keys({"cloud", "frame_id"});
+  LidarConfig lidar{.cloud = topic(node.at("cloud"))};
+  if (const auto frame = node.find("frame_id")) lidar.frame_id = frame_id(*frame);
+  return lidar;
+}
+
+RigidTransform read_transform(const ConfigNode& node) {
+  node.with_keys({"translation_m", "quaternion_xyzw"});
+  const auto t = node.at("translation_m").numbers(3, -100, 100);
+  const auto q = node.at("quaternion_xyzw").numbers(4, -2, 2);
+  const auto transform = make_transform({t[0], t[1], t[2]}, {q[0], q[1], q[2], q[3]});
+  if (!transform) node.at("quaternion_xyzw").refuse(transform.error().context);
+  return *transform;
+}
+
+DepthSource read_depth(const ConfigNode& node) {
+  const ConfigNode source = node.with_keys({"source"}).at("source");
+  const std::string name = source.text();
+  if (name == "onnx" || name == "topic") source.refuse(name + " is not in this version; write stereo");
+  if (name != "stereo") source.refuse("is none of: stereo");
+  return DepthSource::stereo;
+}
+
+DriftConfig read_drift(const ConfigNode& node) {
+  node.with_keys({"baseline_pairs"});
+  DriftConfig drift;
+  if (const auto pairs = node.find("baseline_pairs")) drift.baseline_pairs = pairs->integer(5, 1000);
+  return drift;
+}
+
+RecalibrationConfig read_recalibration(const ConfigNode& node) {
+  node.with_keys({"mode", "frames", "max_rotation_deg", "max_translation_cm"});
+  RecalibrationConfig recalibration;
+  if (const auto mode = node.find("mode")) {
+    const std::string name = mode->text();
+    if (name != "apply" && name != "propose") mode->refuse("is none of: apply, propose");
+    recalibration.mode = name == "apply" ? RecalibrationMode::apply : RecalibrationMode::propose;
+  }
+  if (const auto frames = node.find("frames")) recalibration.frames = frames->integer(5, 200);
+  if (const auto limit = node.find("max_rotation_deg"))
+    recalibration.max_rotation_rad = limit->number(0.1, 30) * radians_per_degree;
+  if (const auto limit = node.find("max_translation_cm"))
+    recalibration.max_translation_m = limit->number(1, 500) / 100;
+  return recalibration;
+}
+
+PairConfig read_pair(const ConfigNode& node) {
+  node.with_keys({"name", "camera", "lidar", "T_camera_lidar", "depth", "drift", "recalibration"});
+  PairConfig pair{.name = node.at("name").text(),
+                  .camera = read_camera(node.at("camera")),
+                  .lidar = read_lidar(node.at("lidar")),
+                  .T_camera_lidar = read_transform(node.at("T_camera_lidar")),
+                  .depth = read_depth(node.at("depth")),
+                  .drift = {},
+                  .recalibration = {}};
+  if (!is_name(pair.name, "_-")) node.at("name").refuse("a pair is named with 1 .. 64 of a-z, 0-9, _ and -");
+  if (const auto drift = node.find("drift")) pair.drift = read_drift(*drift);
+  if (const auto recalibration = node.find("recalibration"))
+    pair.recalibration = read_recalibration(*recalibration);
+  return pair;
+}
+
+std::vector<PairConfig> read_pairs(const ConfigNode& node) {
+  const auto items = node.items();
+  if (items.empty() || items.size() > max_pairs) node.refuse("needs 1 .. 16 pairs");
+  std::vector<PairConfig> pairs;
+  for (const ConfigNode& item : items) {
+    PairConfig pair = read_pair(item);
+    if (std::ranges::find(pairs, pair.name, &PairConfig::name) != pairs.end())
+      item.at("name").refuse("is the name of an earlier pair; every pair needs its own");
+    pairs.push_back(std::move(pair));
+  }
+  return pairs;
+}
+
+Config read_config(const ConfigNode& top, const Places& places) {
+  top.with_keys({"vehicle", "state_dir", "runtime_dir", "dds", "signing_key", "sampling", "pairs"});
+  Config config;
+  config.vehicle = top.at("vehicle").text();
+  if (!is_name(config.vehicle, "ABCDEFGHIJKLMNOPQRSTUVWXYZ_-.:"))
+    top.at("vehicle").refuse("a vehicle is named with 1 .. 64 letters, digits, _ - . and :");
+  config.state_dir = path_or(top, "state_dir", places.state);
+  config.runtime_dir = path_or(top, "runtime_dir", places.runtime);
+  std::optional<std::filesystem::path> credential;
+  if (places.credentials) credential = *places.credentials / "signing.key";
+  config.signing_key = path_or(top, "signing_key", credential);
+  if (const auto dds = top.find("dds")) config.dds = read_dds(*dds);
+  if (const auto sampling = top.find("sampling")) config.sampling = read_sampling(*sampling);
+  config.pairs = read_pairs(top.at("pairs"));
+  return config;
+}
+
+}  // namespace
+
+Result<Config> parse_config(std::string_view yaml, const std::filesystem::path& file, const Places& places) {
+  const auto refuse = [&](int line, std::string_view message) {
+    return fail("bad_config", fmt::format("{}:{}: {}", file.string(), line, message));
+  };
+  if (yaml.size() > max_bytes) return refuse(1, "is larger than 1 MiB");
+  try {
+    Config config = read_config(ConfigNode::parse(std::string(yaml)), places);
+    config.sha256 = sha256_hex(yaml);
+    return config;
+  } catch (const BadConfig& bad) {
+    return refuse(bad.line, bad.message);
+  } catch (const YAML::Exception& e) {
+    return refuse(std::max(e.mark.line, 0) + 1, "not YAML: " + e.msg);
+  }
+}
+
+Result<Config> load_config(const std::filesystem::path& file, const Places& places) {
+  std::ifstream in(file, std::ios::binary);
+  std::string yaml(max_bytes + 1, '\0');
+  in.read(yaml.data(), static_cast<std::streamsize>(yaml.size()));
+  if (!in.is_open() || in.bad())
+    return fail("config_not_found",
+                fmt::format("{}: cannot be read; give the file with --config FILE", file.string()));
+  yaml.resize(static_cast<std::size_t>(in.gcount()));
+  return parse_config(yaml, file, places);
+}
+
+}  // namespace calib

@@ -1,0 +1,100 @@
+#pragma once
+
+#include <chrono>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "calib/camera.hpp"
+#include "calib/geometry.hpp"
+#include "calib/result.hpp"
+
+namespace calib {
+
+/// /etc/calibd/calibd.yaml as values: SI units, topics as ROS 2 names. Every key, its unit and its default
+/// are explained in systemd/calibd.yaml.
+
+struct DdsConfig {
+  std::uint32_t domain = 0;
+  std::string interface = "auto";
+};
+
+/// Every `period` the sensors are read for at most `window`; an image and a scan make a pair when their
+/// stamps differ by no more than `max_time_difference`.
+struct SamplingConfig {
+  std::chrono::nanoseconds period = std::chrono::seconds(10);
+  std::chrono::nanoseconds window = std::chrono::seconds(2);
+  std::chrono::nanoseconds max_time_difference = std::chrono::milliseconds(50);
+};
+
+struct CameraConfig {
+  std::string image;
+  std::string right_image;
+  /// A CameraInfo topic whose intrinsics must agree with `camera`.
+  std::optional<std::string> info;
+  std::string frame_id = "camera_optical";
+  Camera camera;
+  double baseline_m = 0;
+};
+
+struct LidarConfig {
+  std::string cloud;
+  std::string frame_id = "lidar";
+};
+
+enum class DepthSource { stereo };
+
+struct DriftConfig {
+  int baseline_pairs = 20;
+};
+
+/// `apply` puts an accepted extrinsic in force; `propose` waits for `calibctl accept`.
+enum class RecalibrationMode { apply, propose };
+
+struct RecalibrationConfig {
+  RecalibrationMode mode = RecalibrationMode::propose;
+  int frames = 25;
+  double max_rotation_rad = 5 * radians_per_degree;
+  double max_translation_m = 0.5;
+};
+
+struct PairConfig {
+  std::string name;
+  CameraConfig camera;
+  LidarConfig lidar;
+  RigidTransform T_camera_lidar = RigidTransform::Identity();
+  DepthSource depth = DepthSource::stereo;
+  DriftConfig drift;
+  RecalibrationConfig recalibration;
+};
+
+struct Config {
+  std::string vehicle;
+  std::filesystem::path state_dir;
+  std::filesystem::path runtime_dir;
+  DdsConfig dds;
+  std::filesystem::path signing_key;
+  SamplingConfig sampling;
+  std::vector<PairConfig> pairs;
+  /// Of the file's bytes, lower-case hex: what a record says it was computed under.
+  std::string sha256;
+};
+
+/// Where the service manager put things ($STATE_DIRECTORY, $RUNTIME_DIRECTORY, $CREDENTIALS_DIRECTORY):
+/// defaults for the keys that the file does not give.
+struct Places {
+  std::optional<std::filesystem::path> state, runtime, credentials;
+};
+
+/// Fails with `bad_config` and one line `FILE:LINE: pairs[0].camera.size: what is wrong; what to write`, for
+/// the first thing that is: YAML that does not parse; an unknown, repeated or missing key; a wrong type; a
+/// value out of range.
+[[nodiscard]] Result<Config> parse_config(std::string_view yaml, const std::filesystem::path& file,
+                                          const Places& places);
+
+/// `parse_config` of a file of at most 1 MiB. Fails also with `config_not_found`.
+[[nodiscard]] Result<Config> load_config(const std::filesystem::path& file, const Places& places);
+
+}  // namespace calib
