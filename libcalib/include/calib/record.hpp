@@ -8,6 +8,7 @@
 
 #include "calib/geometry.hpp"
 #include "calib/signature.hpp"
+#include "calib/wall_time.hpp"
 
 namespace calib {
 
@@ -47,23 +48,32 @@ struct CalibrationRecord {
   std::optional<Score> score;
   /// Sensor time stamps (nanoseconds) of the images used, fit and held back.
   std::vector<std::int64_t> frame_stamps_ns;
+  /// SHA-256 (lower-case hex) of the configuration file's bytes and of the program's file.
   std::string configuration_sha256;
   std::string software_version;
   std::string software_sha256;
   /// When it was decided: UTC, and the boot it happened in with the time since that boot.
-  std::chrono::nanoseconds wall_time{};
+  WallTime wall_time{};
   std::string boot_id;
   std::chrono::nanoseconds boot_time{};
 };
 
 [[nodiscard]] std::string_view to_string(Decision decision);
 
+/// What stands for the predecessor of the first record.
+inline constexpr std::string_view no_previous_sha256 =
+    "0000000000000000000000000000000000000000000000000000000000000000";
+
 /// The bytes that are hashed, signed and stored: JSON, keys sorted, no white space, shortest numbers that round-trip.
+/// Text that is not UTF-8 is written with U+FFFD in the place of what is wrong.
 [[nodiscard]] std::string canonical_bytes(const CalibrationRecord& record);
 
 /// Strict inverse of `canonical_bytes`: fails with `malformed_record` on an unknown or missing key, a wrong type, or
 /// bytes that are not in canonical form.
 [[nodiscard]] Result<CalibrationRecord> parse_record(std::string_view canonical);
+
+/// The name of an exported record, `000012.json`; its signature is beside it with `.minisig` added.
+[[nodiscard]] std::string record_file_name(std::uint64_t sequence);
 
 /// A record as it is kept: canonical bytes and the minisign signature file over them.
 struct SignedRecord {
@@ -71,6 +81,7 @@ struct SignedRecord {
   std::string signature;
 };
 
+/// Fails with `malformed_record` when the record holds what could not be read back, e.g. a number that is not finite.
 [[nodiscard]] Result<SignedRecord> sign_record(const CalibrationRecord& record, const SigningKey& key);
 
 /// The record, when `key` signed exactly these bytes and it names the same sequence and predecessor.

@@ -24,13 +24,14 @@ class SigningKey {
  public:
   [[nodiscard]] static SigningKey generate();
   /// Reads an unencrypted minisign secret key (`minisign -G -W` or `calibctl keygen`).
-  /// Fails with `key_not_found`, `key_permissions` (readable by others) or `bad_key`.
+  /// Fails with `key_not_found`, `key_permissions` (open to every user) or `bad_key`.
   [[nodiscard]] static Result<SigningKey> load(const std::filesystem::path& file);
   /// Writes FILE (mode 0600) and the public key beside it (FILE with .pub for its extension, mode 0644); never overwrites.
+  /// Fails with `key_exists`, `bad_name` (FILE already ends in .pub) or `key_not_written`.
   [[nodiscard]] Result<void> save(const std::filesystem::path& file) const;
 
   [[nodiscard]] PublicKey public_key() const;
-  /// A minisign signature file (pre-hashed, `ED`) over `bytes`, with a trusted comment.
+  /// A minisign signature file (pre-hashed, `ED`) over `bytes`, with a trusted comment of one line.
   [[nodiscard]] std::string sign(std::string_view bytes, std::string_view trusted_comment) const;
 
   SigningKey(SigningKey&&) noexcept;
@@ -45,9 +46,11 @@ class SigningKey {
   std::array<std::uint8_t, 64> secret_{};
 };
 
+/// Reads a minisign public key file. Fails with `key_not_found` or `bad_key`.
 [[nodiscard]] Result<PublicKey> load_public_key(const std::filesystem::path& file);
 
-/// Fails with `wrong_key` or `bad_signature`.
+/// Whether `key` made `signature_file` (the content of a pre-hashed minisign signature file) over `bytes` and its
+/// trusted comment. Fails with `wrong_key` ("signed by key X, you have Y") or `bad_signature`.
 [[nodiscard]] Result<void> verify_signature(std::string_view bytes, std::string_view signature_file,
                                             const PublicKey& key);
 

@@ -1,7 +1,5 @@
 #pragma once
 
-#include <array>
-#include <chrono>
 #include <cstdint>
 #include <map>
 #include <nlohmann/json_fwd.hpp>
@@ -10,6 +8,7 @@
 #include <vector>
 
 #include "calib/geometry.hpp"
+#include "calib/wall_time.hpp"
 
 namespace calib {
 
@@ -18,9 +17,6 @@ enum class Verdict { not_evaluated, calibrated, suspect, drifted };
 
 [[nodiscard]] std::string_view to_string(Verdict verdict);
 [[nodiscard]] Result<Verdict> parse_verdict(std::string_view text);
-
-/// Wall time, nanoseconds since the UNIX epoch.
-using WallTime = std::chrono::nanoseconds;
 
 /// Everything calibd says about itself, collected once; every output (JSON, terminal, diagnostics) formats this.
 struct PairStatus {
@@ -85,7 +81,11 @@ struct Status {
 /// times as RFC 3339 UTC.
 [[nodiscard]] nlohmann::json to_json(const Status& status);
 
-/// RFC 3339, UTC, milliseconds: `2026-01-31T12:00:00.000Z`.
-[[nodiscard]] std::string rfc3339(WallTime time);
+/// Inverse of `to_json`, to the milliseconds of its times; fields it does not know are ignored, so that an older
+/// reader understands a newer calibd. Fails with `malformed_status`.
+[[nodiscard]] Result<Status> parse_status(const nlohmann::json& json);
+
+/// `{"translation_m":[x,y,z],"quaternion_xyzw":[x,y,z,w]}`, the one form of a transform in every JSON text.
+[[nodiscard]] nlohmann::json transform_json(const RigidTransform& transform);
 
 }  // namespace calib

@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "calib/record.hpp"
@@ -18,7 +19,9 @@ namespace calib {
 /// monitor, and the outbox of alerts that wait for delivery. One writer (the daemon), any number of readers.
 ///
 /// Every write is durable when the call returns; writes that belong together go through `in_transaction`.
-/// All calls fail with `store_failed` (SQLite's own words in the context).
+/// All calls fail with `store_failed` (SQLite's own words in the context). A Store is used by one thread at a time;
+/// threads and processes that read open their own. Reading needs no permission to write, and no running daemon: the
+/// log files that SQLite needs for that stay beside the file after it is closed.
 class Store {
  public:
   enum class Mode { read_only, read_write };
@@ -26,11 +29,12 @@ class Store {
   /// schema is refused with `store_version`.
   [[nodiscard]] static Result<Store> open(const std::filesystem::path& file, Mode mode);
 
-  /// Runs `body` in one transaction: all of its writes become durable together, or none when it fails.
+  /// Runs `body` in one transaction: all of its writes become durable together, or none when it fails. Not nested.
   [[nodiscard]] Result<void> in_transaction(const std::function<Result<void>()>& body);
 
-  /// Appends a record; its sequence must be the last one plus 1.
+  /// Appends a record. Fails with `broken_chain` when `sequence` is not the last one plus 1.
   [[nodiscard]] Result<void> append_record(std::uint64_t sequence, std::string_view pair, const SignedRecord& record);
+  /// The sequence of the last record, 0 when there is none.
   [[nodiscard]] Result<std::uint64_t> record_count() const;
   /// Fails with `record_not_found`.
   [[nodiscard]] Result<SignedRecord> record(std::uint64_t sequence) const;
@@ -46,7 +50,9 @@ class Store {
   };
   /// The sequence the next `enqueue_alert` will give.
   [[nodiscard]] Result<std::uint64_t> next_alert_sequence() const;
+  /// Fails with `feed_full` when `max_waiting_alerts` wait: none is dropped silently to make room.
   [[nodiscard]] Result<std::uint64_t> enqueue_alert(std::string_view json);
+  static constexpr std::uint64_t max_waiting_alerts = 100'000;
   /// Up to `limit` waiting alerts, oldest first.
   [[nodiscard]] Result<std::vector<Alert>> waiting_alerts(std::size_t limit) const;
   [[nodiscard]] Result<std::uint64_t> waiting_alert_count() const;
@@ -60,8 +66,13 @@ class Store {
   std::unique_ptr<sqlite3, Close> database_;
 };
 
-/// Every record of the store, oldest first, each verified against `key` and its predecessor before it is returned.
-/// Fails at the first that does not verify, naming its sequence.
+/// Shows `visit` every record of the store, oldest first, each once it is verified against `key` and its predecessor.
+/// Fails at the first that does not verify or is missing, naming its sequence; those before it have been shown.
+[[nodiscard]] Result<void> visit_verified(
+    const Store& store, const PublicKey& key,
+    const std::function<void(const CalibrationRecord&, const SignedRecord&)>& visit);
+
+/// The same as a list, or the failure alone.
 [[nodiscard]] Result<std::vector<CalibrationRecord>> verified_history(const Store& store, const PublicKey& key);
 
 }  // namespace calib

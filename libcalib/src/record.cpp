@@ -1,0 +1,228 @@
+#include "calib/record.hpp"
+
+#include <sodium.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+#include "calib/status.hpp"
+#include "json_fields.hpp"
+
+namespace calib {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::array<Decision, 5> decisions{Decision::initial, Decision::accepted, Decision::proposed,
+                                            Decision::rejected, Decision::rolled_back};
+/// More than any record needs; a reader stops here before it parses.
+constexpr std::size_t largest_record = 1 << 20;
+
+void require(bool holds, const char* what) {
+  if (!holds) throw std::invalid_argument(what);
+}
+
+json score_json(const CalibrationRecord::Score& score) {
+  return {{"before", score.before},
+          {"after", score.after},
+          {"held_back_before", score.held_back_before},
+          {"held_back_after", score.held_back_after}};
+}
+
+json record_json(const CalibrationRecord& record) {
+  json stamps = json::array();
+  for (const std::int64_t stamp : record.frame_stamps_ns) stamps.push_back(std::to_string(stamp));
+  json sigma;
+  if (record.sigma)
+    sigma = {{"rotation_rad", json_fields::array_of<3>(record.sigma->head<3>())},
+             {"translation_m", json_fields::array_of<3>(record.sigma->tail<3>())}};
+  return {{"schema", std::uint64_t{1}},
+          {"vehicle", record.vehicle},
+          {"pair", record.pair},
+          {"sequence", record.sequence},
+          {"previous_sha256", record.previous_sha256},
+          {"decision", to_string(record.decision)},
+          {"reason", record.reason},
+          {"asked_by", record.asked_by},
+          {"T_camera_lidar", transform_json(record.T_camera_lidar)},
+          {"T_camera_lidar_before", transform_json(record.T_camera_lidar_before)},
+          {"sigma", sigma},
+          {"score", record.score ? score_json(*record.score) : json()},
+          {"frame_stamps_ns", stamps},
+          {"configuration_sha256", record.configuration_sha256},
+          {"software_version", record.software_version},
+          {"software_sha256", record.software_sha256},
+          {"wall_time", rfc3339_ns(record.wall_time)},
+          {"boot_id", record.boot_id},
+          {"boot_time_ns", std::to_string(record.boot_time.count())}};
+}
+
+// The readers below ask for the exact JSON type (get_ref does not convert), so that one record has one form.
+
+const std::string& text_at(const json& object, const char* key) {
+  return object.at(key).get_ref<const std::string&>();
+}
+
+double number_at(const json& object, const char* key) { return object.at(key).get_ref<const double&>(); }
+
+std::string sha256_at(const json& object, const char* key) {
+  const std::string& text = text_at(object, key);
+  require(text.size() == 64 && text.find_first_not_of("0123456789abcdef") == std::string::npos,
+          "a SHA-256 is not 64 lower-case hexadecimal digits");
+  return text;
+}
+
+std::int64_t nanoseconds_from(const std::string& text) {
+  std::int64_t value = 0;
+  std::from_chars(text.data(), text.data() + text.size(), value);
+  require(std::to_string(value) == text, "a time in nanoseconds is not a whole number");
+  return value;
+}
+
+/// A whole number would be a second way to write the same value (`0` for `0.0`).
+void require_float_lists(const json& object) {
+  for (const json& list : object)
+    for (const json& number : list) require(number.is_number_float(), "a list holds a whole number");
+}
+
+Vector6 sigma_from(const json& object) {
+  require(object.size() == 2, "sigma has a field that it should not have");
+  require_float_lists(object);
+  Vector6 sigma;
+  sigma << json_fields::vector_from<3>(object.at("rotation_rad")),
+      json_fields::vector_from<3>(object.at("translation_m"));
+  return sigma;
+}
+
+CalibrationRecord::Score score_from(const json& object) {
+  require(object.size() == 4, "score has a field that it should not have");
+  return {number_at(object, "before"), number_at(object, "after"), number_at(object, "held_back_before"),
+          number_at(object, "held_back_after")};
+}
+
+RigidTransform strict_transform_from(const json& object) {
+  require(object.size() == 2, "a transform has a field that it should not have");
+  require_float_lists(object);
+  return json_fields::transform_from(object);
+}
+
+Decision decision_from(const std::string& text) {
+  const auto found =
+      std::ranges::find_if(decisions, [&](Decision decision) { return to_string(decision) == text; });
+  require(found != decisions.end(), "the decision is not one of those there are");
+  return *found;
+}
+
+WallTime wall_time_from(const std::string& text) {
+  const auto time = parse_rfc3339(text);
+  require(time && rfc3339_ns(*time) == text, "wall_time is not a time with nine decimals");
+  return *time;
+}
+
+CalibrationRecord record_from(const json& object) {
+  constexpr std::size_t field_count = 19;
+  require(object.at("schema").get_ref<const std::uint64_t&>() == 1, "the schema is not 1, the only one this program knows");
+  CalibrationRecord record;
+  record.vehicle = text_at(object, "vehicle");
+  record.pair = text_at(object, "pair");
+  record.sequence = object.at("sequence").get_ref<const std::uint64_t&>();
+  record.previous_sha256 = sha256_at(object, "previous_sha256");
+  record.decision = decision_from(text_at(object, "decision"));
+  record.reason = text_at(object, "reason");
+  record.asked_by = text_at(object, "asked_by");
+  record.T_camera_lidar = strict_transform_from(object.at("T_camera_lidar"));
+  record.T_camera_lidar_before = strict_transform_from(object.at("T_camera_lidar_before"));
+  if (const json& sigma = object.at("sigma"); !sigma.is_null()) record.sigma = sigma_from(sigma);
+  if (const json& score = object.at("score"); !score.is_null()) record.score = score_from(score);
+  for (const json& stamp : object.at("frame_stamps_ns").get_ref<const json::array_t&>())
+    record.frame_stamps_ns.push_back(nanoseconds_from(stamp.get_ref<const std::string&>()));
+  record.configuration_sha256 = sha256_at(object, "configuration_sha256");
+  record.software_version = text_at(object, "software_version");
+  record.software_sha256 = sha256_at(object, "software_sha256");
+  record.wall_time = wall_time_from(text_at(object, "wall_time"));
+  record.boot_id = text_at(object, "boot_id");
+  record.boot_time = std::chrono::nanoseconds(nanoseconds_from(text_at(object, "boot_time_ns")));
+  require(object.size() == field_count, "the record has a field that it should not have");
+  require(record.sequence > 0, "sequence counts from 1");
+  return record;
+}
+
+/// minisign's own form, with every part from the record, so that signing it twice gives the same file.
+std::string trusted_comment(const CalibrationRecord& record) {
+  const auto seconds = std::chrono::floor<std::chrono::seconds>(record.wall_time).count();
+  return "timestamp:" + std::to_string(seconds) + "\tfile:" + record_file_name(record.sequence) + "\thashed";
+}
+
+}  // namespace
+
+std::string_view to_string(Decision decision) {
+  switch (decision) {
+    case Decision::initial: return "initial";
+    case Decision::accepted: return "accepted";
+    case Decision::proposed: return "proposed";
+    case Decision::rejected: return "rejected";
+    case Decision::rolled_back: return "rolled_back";
+  }
+  return "";
+}
+
+std::string record_file_name(std::uint64_t sequence) {
+  std::string digits = std::to_string(sequence);
+  if (digits.size() < 6) digits.insert(0, 6 - digits.size(), '0');
+  return digits + ".json";
+}
+
+std::string canonical_bytes(const CalibrationRecord& record) {
+  return json_fields::canonical_text(record_json(record));
+}
+
+Result<CalibrationRecord> parse_record(std::string_view canonical) {
+  try {
+    require(canonical.size() <= largest_record, "it is larger than a record can be");
+    const json object = json::parse(canonical);
+    CalibrationRecord record = record_from(object);
+    // After the shape: `record_from` has bounded how deep the text nests.
+    require(json_fields::canonical_text(object) == canonical, "its bytes are not in canonical form");
+    return record;
+  } catch (const std::exception& error) {
+    return fail("malformed_record", std::string("this is not a calibration record: ") + error.what());
+  }
+}
+
+Result<SignedRecord> sign_record(const CalibrationRecord& record, const SigningKey& key) {
+  std::string canonical = canonical_bytes(record);
+  if (const auto readable = parse_record(canonical); !readable) return tl::unexpected(readable.error());
+  std::string signature = key.sign(canonical, trusted_comment(record));
+  return SignedRecord{std::move(canonical), std::move(signature)};
+}
+
+Result<CalibrationRecord> verify_record(const SignedRecord& record, const PublicKey& key,
+                                        std::string_view expected_previous_sha256,
+                                        std::uint64_t expected_sequence) {
+  // The signature first: nothing that nobody signed is parsed.
+  if (const auto is_signed = verify_signature(record.canonical, record.signature, key); !is_signed)
+    return tl::unexpected(is_signed.error());
+  auto parsed = parse_record(record.canonical);
+  if (!parsed) return parsed;
+  if (parsed->sequence != expected_sequence)
+    return fail("broken_chain", "it says that it is record " + std::to_string(parsed->sequence) +
+                                    " where record " + std::to_string(expected_sequence) + " should be");
+  if (parsed->previous_sha256 != expected_previous_sha256)
+    return fail("broken_chain", "it follows a record with SHA-256 " + parsed->previous_sha256 +
+                                    ", but the record before it has " + std::string(expected_previous_sha256));
+  return parsed;
+}
+
+std::string sha256_hex(std::string_view bytes) {
+  std::array<unsigned char, crypto_hash_sha256_BYTES> hash;
+  crypto_hash_sha256(hash.data(), reinterpret_cast<const unsigned char*>(bytes.data()), bytes.size());
+  std::string text(2 * hash.size() + 1, '\0');
+  sodium_bin2hex(text.data(), text.size(), hash.data(), hash.size());
+  text.pop_back();
+  return text;
+}
+
+}  // namespace calib

@@ -1,0 +1,185 @@
+#include "calib/status.hpp"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "json_fields.hpp"
+
+namespace calib {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::array<Verdict, 4> verdicts{Verdict::not_evaluated, Verdict::calibrated, Verdict::suspect,
+                                          Verdict::drifted};
+constexpr double cm_per_m = 100;
+
+template <typename T>
+json or_null(const std::optional<T>& value) {
+  return value ? json(*value) : json();
+}
+
+json input_json(const PairStatus::Input& input) {
+  return {{"topic", input.topic}, {"age_s", or_null(input.age_s)}};
+}
+
+json misalignment_json(const PairStatus::Misalignment& misalignment) {
+  const Vector6 &delta = misalignment.delta, &sigma = misalignment.sigma;
+  const auto degrees = [](const Vector6& v) { return json_fields::array_of<3>(v.head<3>() / radians_per_degree); };
+  const auto cm = [](const Vector6& v) { return json_fields::array_of<3>(v.tail<3>() * cm_per_m); };
+  return {{"rotation_deg", degrees(delta)},
+          {"translation_cm", cm(delta)},
+          {"sigma_rotation_deg", degrees(sigma)},
+          {"sigma_translation_cm", cm(sigma)}};
+}
+
+json record_json(const PairStatus::Record& record) {
+  return {{"sequence", record.sequence},
+          {"key_id", record.key_id},
+          {"verified", record.verified},
+          {"created", rfc3339(record.created)}};
+}
+
+json inputs_json(const PairStatus& pair) {
+  json inputs{{"image", input_json(pair.image)},
+              {"cloud", input_json(pair.cloud)},
+              {"time_difference_ms", or_null(pair.time_difference_ms)}};
+  if (pair.right_image) inputs["right_image"] = input_json(*pair.right_image);
+  return inputs;
+}
+
+json pair_json(const PairStatus& pair) {
+  json object{{"name", pair.name},
+              {"verdict", to_string(pair.verdict)},
+              {"reason", pair.reason},
+              {"since", rfc3339(pair.since)},
+              {"last_evaluated", pair.last_evaluated ? json(rfc3339(*pair.last_evaluated)) : json()},
+              {"evaluated", pair.evaluated},
+              {"skipped", pair.skipped},
+              {"score", nullptr},
+              {"misalignment", nullptr},
+              {"T_camera_lidar", transform_json(pair.T_camera_lidar)},
+              {"proposed", nullptr},
+              {"record", pair.record ? record_json(*pair.record) : json()},
+              {"inputs", inputs_json(pair)}};
+  if (pair.score)
+    object["score"] = {{"current", pair.score->current},
+                       {"best_neighbour", pair.score->best_neighbour},
+                       {"baseline", or_null(pair.score->baseline)}};
+  if (pair.misalignment) object["misalignment"] = misalignment_json(*pair.misalignment);
+  if (pair.proposed)
+    object["proposed"] = {{"T_camera_lidar", transform_json(pair.proposed->T_camera_lidar)},
+                          {"record_sequence", pair.proposed->record_sequence}};
+  return object;
+}
+
+// Reading: whatever these throw becomes `malformed_status`.
+
+template <typename T>
+std::optional<T> optional_from(const json& value) {
+  return value.is_null() ? std::nullopt : std::optional(value.get<T>());
+}
+
+WallTime time_from(const json& value) {
+  const auto time = parse_rfc3339(value.get_ref<const std::string&>());
+  if (!time) throw std::invalid_argument(time.error().context);
+  return *time;
+}
+
+Verdict verdict_from(const json& value) {
+  const auto verdict = parse_verdict(value.get_ref<const std::string&>());
+  if (!verdict) throw std::invalid_argument(verdict.error().context);
+  return *verdict;
+}
+
+PairStatus::Misalignment misalignment_from(const json& object) {
+  const auto six = [&](const char* rotation_deg, const char* translation_cm) {
+    Vector6 values;
+    values << json_fields::vector_from<3>(object.at(rotation_deg)) * radians_per_degree,
+        json_fields::vector_from<3>(object.at(translation_cm)) / cm_per_m;
+    return values;
+  };
+  return {six("rotation_deg", "translation_cm"), six("sigma_rotation_deg", "sigma_translation_cm")};
+}
+
+PairStatus::Input input_from(const json& object) {
+  return {object.at("topic").get<std::string>(), optional_from<double>(object.at("age_s"))};
+}
+
+PairStatus pair_from(const json& object) {
+  PairStatus pair;
+  pair.name = object.at("name").get<std::string>();
+  pair.verdict = verdict_from(object.at("verdict"));
+  pair.reason = object.at("reason").get<std::string>();
+  pair.since = time_from(object.at("since"));
+  if (const json& last = object.at("last_evaluated"); !last.is_null()) pair.last_evaluated = time_from(last);
+  pair.evaluated = object.at("evaluated").get<std::uint64_t>();
+  for (const auto& [reason, count] : object.at("skipped").get_ref<const json::object_t&>())
+    pair.skipped[reason] = count.get<std::uint64_t>();
+  if (const json& score = object.at("score"); !score.is_null())
+    pair.score = {score.at("current").get<double>(), score.at("best_neighbour").get<double>(),
+                  optional_from<double>(score.at("baseline"))};
+  if (const json& misalignment = object.at("misalignment"); !misalignment.is_null())
+    pair.misalignment = misalignment_from(misalignment);
+  pair.T_camera_lidar = json_fields::transform_from(object.at("T_camera_lidar"));
+  if (const json& proposed = object.at("proposed"); !proposed.is_null())
+    pair.proposed = {json_fields::transform_from(proposed.at("T_camera_lidar")),
+                     proposed.at("record_sequence").get<std::uint64_t>()};
+  if (const json& record = object.at("record"); !record.is_null())
+    pair.record = {record.at("sequence").get<std::uint64_t>(), record.at("key_id").get<std::string>(),
+                   record.at("verified").get<bool>(), time_from(record.at("created"))};
+  const json& inputs = object.at("inputs");
+  pair.image = input_from(inputs.at("image"));
+  pair.cloud = input_from(inputs.at("cloud"));
+  if (inputs.contains("right_image")) pair.right_image = input_from(inputs.at("right_image"));
+  pair.time_difference_ms = optional_from<double>(inputs.at("time_difference_ms"));
+  return pair;
+}
+
+}  // namespace
+
+std::string_view to_string(Verdict verdict) {
+  switch (verdict) {
+    case Verdict::not_evaluated: return "not_evaluated";
+    case Verdict::calibrated: return "calibrated";
+    case Verdict::suspect: return "suspect";
+    case Verdict::drifted: return "drifted";
+  }
+  return "";
+}
+
+Result<Verdict> parse_verdict(std::string_view text) {
+  const auto found = std::ranges::find_if(verdicts, [&](Verdict verdict) { return to_string(verdict) == text; });
+  if (found == verdicts.end()) return fail("bad_verdict", "'" + std::string(text) + "' is not a verdict");
+  return *found;
+}
+
+json to_json(const Status& status) {
+  json pairs = json::array();
+  for (const PairStatus& pair : status.pairs) pairs.push_back(pair_json(pair));
+  return {{"schema", 1},
+          {"vehicle", status.vehicle},
+          {"daemon", {{"running", status.running}, {"version", status.version}, {"uptime_s", status.uptime_s}}},
+          {"pairs", pairs},
+          {"feed", {{"queued", status.feed_queued}}}};
+}
+
+Result<Status> parse_status(const json& object) {
+  try {
+    if (object.at("schema") != 1) return fail("malformed_status", "the status has a schema other than 1");
+    Status status;
+    status.vehicle = object.at("vehicle").get<std::string>();
+    const json& daemon = object.at("daemon");
+    status.running = daemon.at("running").get<bool>();
+    status.version = daemon.at("version").get<std::string>();
+    status.uptime_s = daemon.at("uptime_s").get<double>();
+    for (const json& pair : object.at("pairs").get_ref<const json::array_t&>())
+      status.pairs.push_back(pair_from(pair));
+    status.feed_queued = object.at("feed").at("queued").get<std::uint64_t>();
+    return status;
+  } catch (const std::exception& error) {
+    return fail("malformed_status", std::string("this is not a status of calibd: ") + error.what());
+  }
+}
+
+}  // namespace calib

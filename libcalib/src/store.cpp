@@ -1,0 +1,249 @@
+#include "calib/store.hpp"
+
+#include <sqlite3.h>
+
+namespace calib {
+namespace {
+
+constexpr int schema_version = 1;
+constexpr int busy_timeout_ms = 5000;
+
+// AUTOINCREMENT keeps the highest alert sequence ever given, also when the outbox is empty again.
+constexpr const char* schema = R"sql(
+  CREATE TABLE record(
+    sequence INTEGER PRIMARY KEY, pair TEXT NOT NULL, canonical TEXT NOT NULL, signature TEXT NOT NULL) STRICT;
+  CREATE TABLE state(pair TEXT PRIMARY KEY, json TEXT NOT NULL) STRICT;
+  CREATE TABLE outbox(sequence INTEGER PRIMARY KEY AUTOINCREMENT, json TEXT NOT NULL) STRICT;
+  PRAGMA user_version = 1;
+)sql";
+
+Error store_error(sqlite3* database) {
+  const char* const name = database ? sqlite3_db_filename(database, "main") : nullptr;
+  return {"store_failed", std::string(name ? name : "the store") + ": " + sqlite3_errmsg(database)};
+}
+
+Result<void> run(sqlite3* database, const char* sql) {
+  if (sqlite3_exec(database, sql, nullptr, nullptr, nullptr) != SQLITE_OK)
+    return tl::unexpected(store_error(database));
+  return {};
+}
+
+/// A prepared statement; parameters are bound in the order of the `bind` calls. Bound text must outlive it.
+class Statement {
+ public:
+  Statement(sqlite3* database, std::string_view sql) : database_(database) {
+    sqlite3_prepare_v2(database, sql.data(), static_cast<int>(sql.size()), &statement_, nullptr);
+  }
+  Statement(const Statement&) = delete;
+  Statement& operator=(const Statement&) = delete;
+  ~Statement() { sqlite3_finalize(statement_); }
+
+  Statement& bind(std::uint64_t value) {
+    sqlite3_bind_int64(statement_, ++bound_, static_cast<sqlite3_int64>(value));
+    return *this;
+  }
+  Statement& bind(std::string_view text) {
+    // A null pointer would bind NULL; an empty text is text.
+    sqlite3_bind_text64(statement_, ++bound_, text.data() ? text.data() : "", text.size(), SQLITE_STATIC, SQLITE_UTF8);
+    return *this;
+  }
+  /// True when there is a row to read.
+  [[nodiscard]] Result<bool> step() {
+    const int code = statement_ ? sqlite3_step(statement_) : SQLITE_ERROR;
+    if (code == SQLITE_ROW) return true;
+    if (code == SQLITE_DONE) return false;
+    return tl::unexpected(store_error(database_));
+  }
+  /// For statements without rows.
+  [[nodiscard]] Result<void> execute() {
+    return step().map([](bool) {});
+  }
+  [[nodiscard]] std::uint64_t number(int column) const {
+    return static_cast<std::uint64_t>(sqlite3_column_int64(statement_, column));
+  }
+  [[nodiscard]] std::string text(int column) const {
+    const auto* const bytes = reinterpret_cast<const char*>(sqlite3_column_text(statement_, column));
+    return bytes ? std::string(bytes, static_cast<std::size_t>(sqlite3_column_bytes(statement_, column))) : "";
+  }
+
+ private:
+  sqlite3* database_;
+  sqlite3_stmt* statement_ = nullptr;
+  int bound_ = 0;
+};
+
+/// The number in the only row and column of `sql`; NULL counts as 0.
+Result<std::uint64_t> single_number(sqlite3* database, const char* sql) {
+  Statement query(database, sql);
+  const auto row = query.step();
+  if (!row) return tl::unexpected(row.error());
+  return *row ? query.number(0) : 0;
+}
+
+Result<void> prepare_for_writing(sqlite3* database) {
+  // FULL: in WAL mode, NORMAL may lose the last commits when the power fails.
+  if (const auto set = run(database, "PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL"); !set) return set;
+  // A reader without write permission cannot make the log files anew, so they outlive the writer.
+  int persist = 1;
+  sqlite3_file_control(database, "main", SQLITE_FCNTL_PERSIST_WAL, &persist);
+  return {};
+}
+
+/// Alerts leave the outbox oldest first, so those that wait are consecutive and need not be counted one by one.
+constexpr const char* count_waiting =
+    "SELECT (SELECT max(sequence) FROM outbox) - (SELECT min(sequence) FROM outbox) + 1";
+
+}  // namespace
+
+void Store::Close::operator()(sqlite3* database) const { sqlite3_close_v2(database); }
+
+Result<Store> Store::open(const std::filesystem::path& file, Mode mode) {
+  std::error_code ignored;
+  if (mode == Mode::read_only && !std::filesystem::exists(file, ignored))
+    return fail("store_not_found", file.string() + " does not exist or may not be looked up; has calibd run?");
+
+  sqlite3* opened = nullptr;
+  const int access = mode == Mode::read_only ? SQLITE_OPEN_READONLY : SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE;
+  const int code = sqlite3_open_v2(file.c_str(), &opened, access, nullptr);
+  Store store;
+  store.database_.reset(opened);
+  if (code != SQLITE_OK) return tl::unexpected(store_error(opened));
+  sqlite3_busy_timeout(opened, busy_timeout_ms);
+
+  // A file's own schema may not call functions behind the back of a program that runs as root.
+  if (const auto set = run(opened, "PRAGMA trusted_schema = OFF"); !set) return tl::unexpected(set.error());
+  if (mode == Mode::read_write)
+    if (const auto ready = prepare_for_writing(opened); !ready) return tl::unexpected(ready.error());
+
+  const auto make_schema = [&]() -> Result<void> {
+    const auto version = single_number(opened, "PRAGMA user_version");
+    if (!version) return tl::unexpected(version.error());
+    if (*version == 0 && mode == Mode::read_write) return run(opened, schema);
+    if (*version == 0) return fail("store_not_found", file.string() + " is empty: calibd has not started with it");
+    if (*version != schema_version)
+      return fail("store_version", file.string() + " has schema version " + std::to_string(*version) +
+                                       ", this program knows " + std::to_string(schema_version) +
+                                       "; use the calibd that wrote it or a newer one");
+    return {};
+  };
+  const Result<void> ready = mode == Mode::read_write ? store.in_transaction(make_schema) : make_schema();
+  if (!ready) return tl::unexpected(ready.error());
+  return store;
+}
+
+Result<void> Store::in_transaction(const std::function<Result<void>()>& body) {
+  if (const auto begun = run(database_.get(), "BEGIN IMMEDIATE"); !begun) return begun;
+  const auto roll_back = [this] { sqlite3_exec(database_.get(), "ROLLBACK", nullptr, nullptr, nullptr); };
+  Result<void> done;
+  try {
+    done = body();
+  } catch (...) {
+    roll_back();
+    throw;
+  }
+  if (done) done = run(database_.get(), "COMMIT");
+  if (!done) roll_back();
+  return done;
+}
+
+Result<void> Store::append_record(std::uint64_t sequence, std::string_view pair, const SignedRecord& record) {
+  Statement insert(database_.get(),
+                   "INSERT INTO record SELECT ?1, ?2, ?3, ?4 "
+                   "WHERE ?1 = (SELECT coalesce(max(sequence), 0) + 1 FROM record)");
+  const auto done = insert.bind(sequence).bind(pair).bind(record.canonical).bind(record.signature).execute();
+  if (done && sqlite3_changes(database_.get()) == 0)
+    return fail("broken_chain", "record " + std::to_string(sequence) + " does not follow the last one of the store");
+  return done;
+}
+
+Result<std::uint64_t> Store::record_count() const {
+  return single_number(database_.get(), "SELECT max(sequence) FROM record");
+}
+
+Result<SignedRecord> Store::record(std::uint64_t sequence) const {
+  Statement query(database_.get(), "SELECT canonical, signature FROM record WHERE sequence = ?");
+  const auto row = query.bind(sequence).step();
+  if (!row) return tl::unexpected(row.error());
+  if (!*row) return fail("record_not_found", "the store holds no record " + std::to_string(sequence));
+  return SignedRecord{query.text(0), query.text(1)};
+}
+
+Result<void> Store::save_state(std::string_view pair, std::string_view json) {
+  Statement upsert(database_.get(),
+                   "INSERT INTO state VALUES(?1, ?2) ON CONFLICT(pair) DO UPDATE SET json = excluded.json");
+  return upsert.bind(pair).bind(json).execute();
+}
+
+Result<std::optional<std::string>> Store::state(std::string_view pair) const {
+  Statement query(database_.get(), "SELECT json FROM state WHERE pair = ?");
+  const auto row = query.bind(pair).step();
+  if (!row) return tl::unexpected(row.error());
+  return *row ? std::optional(query.text(0)) : std::nullopt;
+}
+
+Result<std::uint64_t> Store::next_alert_sequence() const {
+  return single_number(database_.get(), "SELECT seq FROM sqlite_sequence WHERE name = 'outbox'")
+      .map([](std::uint64_t last) { return last + 1; });
+}
+
+Result<std::uint64_t> Store::enqueue_alert(std::string_view json) {
+  const auto waiting = waiting_alert_count();
+  if (!waiting) return waiting;
+  if (*waiting >= max_waiting_alerts)
+    return fail("feed_full", std::to_string(*waiting) + " alerts wait for delivery and no more are kept; let the feed "
+                             "deliver them, or move the store away with calibd stopped");
+  Statement insert(database_.get(), "INSERT INTO outbox(json) VALUES(?)");
+  const auto done = insert.bind(json).execute();
+  if (!done) return tl::unexpected(done.error());
+  return static_cast<std::uint64_t>(sqlite3_last_insert_rowid(database_.get()));
+}
+
+Result<std::vector<Store::Alert>> Store::waiting_alerts(std::size_t limit) const {
+  Statement query(database_.get(), "SELECT sequence, json FROM outbox ORDER BY sequence LIMIT ?");
+  query.bind(std::uint64_t{limit});
+  std::vector<Alert> alerts;
+  for (;;) {
+    const auto row = query.step();
+    if (!row) return tl::unexpected(row.error());
+    if (!*row) return alerts;
+    alerts.push_back({query.number(0), query.text(1)});
+  }
+}
+
+Result<std::uint64_t> Store::waiting_alert_count() const { return single_number(database_.get(), count_waiting); }
+
+Result<void> Store::alerts_delivered(std::uint64_t sequence) {
+  Statement erase(database_.get(), "DELETE FROM outbox WHERE sequence <= ?");
+  return erase.bind(sequence).execute();
+}
+
+Result<void> visit_verified(const Store& store, const PublicKey& key,
+                            const std::function<void(const CalibrationRecord&, const SignedRecord&)>& visit) {
+  const auto count = store.record_count();
+  if (!count) return tl::unexpected(count.error());
+  std::string previous_sha256(no_previous_sha256);
+  for (std::uint64_t sequence = 1; sequence <= *count; ++sequence) {
+    const auto stored = store.record(sequence);
+    const auto record = stored.and_then(
+        [&](const SignedRecord& bytes) { return verify_record(bytes, key, previous_sha256, sequence); });
+    if (!record) {
+      const Error& error = record.error();
+      // A gap is a chain that somebody has broken, not a record that was asked for in vain.
+      return fail(error.code == "record_not_found" ? "broken_chain" : error.code,
+                  "record " + std::to_string(sequence) + " does not verify: " + error.context);
+    }
+    visit(*record, *stored);
+    previous_sha256 = sha256_hex(stored->canonical);
+  }
+  return {};
+}
+
+Result<std::vector<CalibrationRecord>> verified_history(const Store& store, const PublicKey& key) {
+  std::vector<CalibrationRecord> records;
+  const auto all = visit_verified(
+      store, key, [&](const CalibrationRecord& record, const SignedRecord&) { records.push_back(record); });
+  if (!all) return tl::unexpected(all.error());
+  return records;
+}
+
+}  // namespace calib
