@@ -13,7 +13,7 @@ using Eigen::Vector3d;
 
 namespace {
 
-constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+constexpr double not_a_number = std::numeric_limits<double>::quiet_NaN();
 
 // The kind of lens that a vehicle carries: barrel distortion of 10 % and a decentred element.
 const std::vector<double> intrinsics{721.5, 718.2, 609.6, 172.9};
@@ -89,10 +89,10 @@ TEST_CASE("points behind the camera, in its centre or not finite are not visible
     CHECK_FALSE(camera.project({0, 0, 0}));
     for (int i = 0; i < 3; ++i) {
       Vector3d p(0, 0, 5);
-      p[i] = nan;
+      p[i] = not_a_number;
       CHECK_FALSE(camera.project(p));
     }
-    CHECK_FALSE(camera.unproject({nan, 0}));
+    CHECK_FALSE(camera.unproject({not_a_number, 0}));
   }
 }
 
@@ -130,11 +130,11 @@ TEST_CASE("impossible parameters are refused with a sentence") {
       {CameraModel::rectified, 1242, 375, {0, 700, 600, 170}, {}},
       {CameraModel::rectified, 1242, 375, {700, -700, 600, 170}, {}},
       {CameraModel::rectified, 1242, 375, {700, 1e6, 600, 170}, {}},
-      {CameraModel::rectified, 1242, 375, {700, 700, nan, 170}, {}},
+      {CameraModel::rectified, 1242, 375, {700, 700, not_a_number, 170}, {}},
       {CameraModel::rectified, 1242, 375, intrinsics, distortion},
       {CameraModel::plumb_bob, 1242, 375, intrinsics, {}},
       {CameraModel::plumb_bob, 1242, 375, intrinsics, {0, 0, 0}},
-      {CameraModel::plumb_bob, 1242, 375, intrinsics, {0, 0, nan, 0, 0}},
+      {CameraModel::plumb_bob, 1242, 375, intrinsics, {0, 0, not_a_number, 0, 0}},
   };
   for (const Bad& bad : all) {
     const auto camera = Camera::make(bad.model, bad.width, bad.height, bad.intrinsics, bad.distortion);

@@ -14,7 +14,7 @@ using Eigen::Vector3d;
 namespace {
 
 constexpr double pi = std::numbers::pi;
-constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+constexpr double not_a_number = std::numeric_limits<double>::quiet_NaN();
 
 /// Rotations over the whole domain (|pitch| < pi/2), translations of metres.
 Vector6 random_delta(std::mt19937& random) {
@@ -118,7 +118,7 @@ TEST_CASE("a quaternion that is a little off unit length is normalised, further 
 }
 
 TEST_CASE("a transform with a number that is not finite is refused") {
-  for (const double bad : {nan, std::numeric_limits<double>::infinity()}) {
+  for (const double bad : {not_a_number, std::numeric_limits<double>::infinity()}) {
     for (int i = 0; i < 3; ++i) {
       std::array<double, 3> translation{};
       translation[i] = bad;
