@@ -11,7 +11,7 @@ ORDER = ("result wall_time geometry camera frame pairing depth quality features 
 BESIDE = {"depth_stereo": "depth", "depth_onnx": "depth", "json_fields": "record"}
 
 FOREIGN = re.compile(r"^(dds/|cyclonedds|spdlog/|fmt/|systemd/|yaml-cpp/|CLI/|mosquitto)")
-NOT_PURE = {"iostream", "cstdio", "stdio.h", "print", "thread", "mutex", "condition_variable", "future", "atomic",
+NOT_PURE = {"iostream", "print", "thread", "mutex", "condition_variable", "future", "atomic",
             "pthread.h", "ctime", "time.h", "sys/time.h"}
 NOT_PURE_CALLS = re.compile(r"\b(getenv|setenv|system_clock|steady_clock|high_resolution_clock|clock_gettime|"
                             r"std::jthread|std::thread|std::async|printf|fprintf|puts|omp_\w+)\b|#pragma omp")

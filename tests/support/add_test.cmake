@@ -13,6 +13,9 @@ function(_calibd_test_properties name labels timeout)
   set_property(GLOBAL PROPERTY calibd_next_domain ${next})
   math(EXPR domain "${domain} % 100 + 1")
 
+  if(CALIBD_SANITIZE)
+    math(EXPR timeout "${timeout} * 3")
+  endif()
   set(environment CALIBD_TEST_DOMAIN=${domain} CALIBD_BIN_DIR=${CMAKE_BINARY_DIR}/bin
       CALIBD_SOURCE_DIR=${PROJECT_SOURCE_DIR} UBSAN_OPTIONS=print_stacktrace=1 ${ARGN})
   # CALIB_KITTI_DRIVE comes from the environment ctest runs in.
