@@ -1,0 +1,22 @@
+#pragma once
+
+#include <string_view>
+
+/// Journal message ids (MESSAGE_ID=): one per kind of event, never changed, explained for operators in
+/// systemd/calibd.catalog (`journalctl -x`). `journalctl MESSAGE_ID=195bf4e8badc40ee9e9ae7764931bfd4` finds every drift.
+namespace calib::message_ids {
+
+inline constexpr std::string_view drift_suspected = "ae07ce8c1c0e4a43a021844cb14ff2bb";
+inline constexpr std::string_view drifted = "195bf4e8badc40ee9e9ae7764931bfd4";
+inline constexpr std::string_view cleared = "78449e8e29f24b7385bb07ecb0b89fb9";
+inline constexpr std::string_view not_evaluated = "c098acc0a9a84e05b58af373141c9488";
+inline constexpr std::string_view recalibration_accepted = "da578ff9d4c348cbb34d20c3c946afd7";
+inline constexpr std::string_view recalibration_proposed = "33dd6c9111c9485d8b2a44882bdbd5c8";
+inline constexpr std::string_view recalibration_rejected = "5df19aab885041a8ae57ee2d433e6fea";
+inline constexpr std::string_view rolled_back = "748027cca09f48b6b0b7c6ae95c9f61b";
+inline constexpr std::string_view sensor_silent = "cdcc0123fd9942c39ee5f4f10c8541cf";
+inline constexpr std::string_view store_failed = "36d51b88823347e3b01ded9d1f0d96f0";
+inline constexpr std::string_view bus_failed = "dd3a3ce307864957942390745f8b86ec";
+inline constexpr std::string_view snapshot_failed = "a2e1c201fcfd475ab3462404e5654036";
+
+}  // namespace calib::message_ids
