@@ -4,15 +4,7 @@
 #include <charconv>
 #include <cmath>
 
-#include "calib/status.hpp"
-
-namespace calib {
-
-nlohmann::json transform_json(const RigidTransform& transform) {
-  return {{"translation_m", translation_m(transform)}, {"quaternion_xyzw", quaternion_xyzw(transform)}};
-}
-
-namespace json_fields {
+namespace calib::json_fields {
 namespace {
 
 void append_number(double value, std::string& out) {
@@ -79,5 +71,4 @@ RigidTransform transform_from(const nlohmann::json& json) {
   return *transform;
 }
 
-}  // namespace json_fields
-}  // namespace calib
+}  // namespace calib::json_fields

@@ -5,10 +5,8 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
-#include <cstdio>
 #include <nlohmann/json.hpp>
 
-#include "calib/status.hpp"
 #include "json_fields.hpp"
 
 namespace calib {
@@ -167,6 +165,10 @@ std::string_view to_string(Decision decision) {
     case Decision::rolled_back: return "rolled_back";
   }
   return "";
+}
+
+nlohmann::json transform_json(const RigidTransform& transform) {
+  return {{"translation_m", translation_m(transform)}, {"quaternion_xyzw", quaternion_xyzw(transform)}};
 }
 
 std::string record_file_name(std::uint64_t sequence) {

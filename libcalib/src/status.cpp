@@ -1,8 +1,10 @@
 #include "calib/status.hpp"
 
 #include <algorithm>
+#include <array>
 #include <nlohmann/json.hpp>
 
+#include "calib/record.hpp"
 #include "json_fields.hpp"
 
 namespace calib {

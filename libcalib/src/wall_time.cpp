@@ -1,8 +1,9 @@
 #include "calib/wall_time.hpp"
 
+#include <algorithm>
 #include <array>
 #include <charconv>
-#include <cstdio>
+#include <cstdint>
 
 namespace calib {
 namespace {
@@ -10,23 +11,24 @@ namespace {
 using std::chrono::days;
 using std::chrono::nanoseconds;
 
+/// `number` with zeros in front up to `width` digits.
+std::string padded(std::int64_t number, std::size_t width) {
+  const std::string digits = std::to_string(number);
+  return std::string(width - std::min(width, digits.size()), '0') + digits;
+}
+
 std::string seconds_text(WallTime time) {
   const auto day = std::chrono::floor<days>(time);
   const std::chrono::year_month_day date{std::chrono::sys_days{day}};
   const std::chrono::hh_mm_ss clock{std::chrono::floor<std::chrono::seconds>(time - day)};
-  std::array<char, 64> text{};
-  std::snprintf(text.data(), text.size(), "%04d-%02u-%02uT%02d:%02d:%02d", static_cast<int>(date.year()),
-                static_cast<unsigned>(date.month()), static_cast<unsigned>(date.day()),
-                static_cast<int>(clock.hours().count()), static_cast<int>(clock.minutes().count()),
-                static_cast<int>(clock.seconds().count()));
-  return text.data();
+  return padded(static_cast<int>(date.year()), 4) + '-' + padded(static_cast<unsigned>(date.month()), 2) + '-' +
+         padded(static_cast<unsigned>(date.day()), 2) + 'T' + padded(clock.hours().count(), 2) + ':' +
+         padded(clock.minutes().count(), 2) + ':' + padded(clock.seconds().count(), 2);
 }
 
 std::string with_decimals(WallTime time, int decimals) {
   const nanoseconds fraction = time - std::chrono::floor<std::chrono::seconds>(time);
-  std::string digits = std::to_string(fraction.count());
-  digits.insert(0, 9 - digits.size(), '0');
-  return seconds_text(time) + '.' + digits.substr(0, decimals) + 'Z';
+  return seconds_text(time) + '.' + padded(fraction.count(), 9).substr(0, decimals) + 'Z';
 }
 
 /// The value of `text` when it is all digits; -1 otherwise.

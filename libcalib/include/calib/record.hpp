@@ -1,10 +1,12 @@
 #pragma once
 
-#include <array>
 #include <chrono>
 #include <cstdint>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
+#include <string_view>
+#include <vector>
 
 #include "calib/geometry.hpp"
 #include "calib/signature.hpp"
@@ -59,6 +61,9 @@ struct CalibrationRecord {
 };
 
 [[nodiscard]] std::string_view to_string(Decision decision);
+
+/// `{"translation_m":[x,y,z],"quaternion_xyzw":[x,y,z,w]}`, the one form of a transform in every JSON text.
+[[nodiscard]] nlohmann::json transform_json(const RigidTransform& transform);
 
 /// What stands for the predecessor of the first record.
 inline constexpr std::string_view no_previous_sha256 =

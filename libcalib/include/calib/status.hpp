@@ -85,7 +85,4 @@ struct Status {
 /// reader understands a newer calibd. Fails with `malformed_status`.
 [[nodiscard]] Result<Status> parse_status(const nlohmann::json& json);
 
-/// `{"translation_m":[x,y,z],"quaternion_xyzw":[x,y,z,w]}`, the one form of a transform in every JSON text.
-[[nodiscard]] nlohmann::json transform_json(const RigidTransform& transform);
-
 }  // namespace calib
