@@ -111,18 +111,24 @@ std::optional<Size> jpeg_size(Bytes bytes) {
   return std::nullopt;
 }
 
+/// libjpeg takes a JPEG that was cut short and paints the rest grey, with no more than a warning to standard
+/// error. Some cameras pad behind the end marker.
+bool jpeg_is_whole(Bytes bytes) {
+  while (!bytes.empty() && bytes.back() == 0) bytes = bytes.first(bytes.size() - 1);
+  return bytes.size() >= 2 && bytes[bytes.size() - 2] == 0xFF && bytes.back() == 0xD9;
+}
+
 Result<Size> probe(Bytes bytes) {
   constexpr std::uint8_t png[] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1A, '\n'};
   constexpr std::uint8_t jpeg[] = {0xFF, 0xD8, 0xFF};
-  std::optional<Size> size;
-  if (bytes.size() >= 8 && std::ranges::equal(bytes.first(8), png))
-    size = png_size(bytes);
-  else if (bytes.size() >= 3 && std::ranges::equal(bytes.first(3), jpeg))
-    size = jpeg_size(bytes);
-  else
+  const bool is_png = bytes.size() >= 8 && std::ranges::equal(bytes.first(8), png);
+  const bool is_jpeg = bytes.size() >= 3 && std::ranges::equal(bytes.first(3), jpeg);
+  if (!is_png && !is_jpeg)
     return fail("malformed:compressed_format", "data begins neither as a JPEG nor as a PNG");
+  const std::optional<Size> size = is_png ? png_size(bytes) : jpeg_size(bytes);
   if (!size || !size->in_bounds())
     return fail("malformed:compressed_dimensions", "its header gives no size in 1 .. 64 Mpx");
+  if (is_jpeg && !jpeg_is_whole(bytes)) return fail("malformed:compressed_data", "the JPEG is cut short");
   return *size;
 }
 

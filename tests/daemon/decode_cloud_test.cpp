@@ -1,0 +1,128 @@
+#include <algorithm>
+#include <limits>
+
+#include "dds/decode.hpp"
+#include "support/catch.hpp"
+#include "support/ros_messages.hpp"
+#include "support/support.hpp"
+
+using namespace calib;
+using namespace calib::test;
+
+namespace {
+
+Result<LidarScan> decode(CloudMessage& message) { return decode_cloud(message.raw()); }
+
+}  // namespace
+
+TEST_CASE("a cloud keeps its points and their reflectance") {
+  CloudMessage message;
+  const LidarScan scan = require_ok(decode(message));
+  CHECK(scan.stamp == std::chrono::seconds(12) + std::chrono::nanoseconds(345));
+  REQUIRE(scan.points.size() == 6);
+  for (int i = 0; i < 6; ++i) {
+    CHECK(scan.points[i].x_m == 1.0F + static_cast<float>(i));
+    CHECK(scan.points[i].y_m == 2.0F);
+    CHECK(scan.points[i].z_m == 3.0F);
+    CHECK(scan.points[i].reflectance == static_cast<float>(i));
+  }
+}
+
+TEST_CASE("a cloud without points is an empty scan, however many rows it claims") {
+  CloudMessage message;
+  message.data.clear();
+  message.width = 0;
+  message.height = 0xFFFFFFFF;
+  CHECK(require_ok(decode(message)).points.empty());
+  std::swap(message.width, message.height);
+  CHECK(require_ok(decode(message)).points.empty());
+}
+
+TEST_CASE("points that are no measurement are dropped") {
+  CloudMessage message;
+  const auto set = [&](std::size_t point, std::size_t axis, float value) {
+    std::memcpy(message.data.data() + 16 * point + 4 * axis, &value, sizeof(value));
+  };
+  set(0, 0, std::numeric_limits<float>::quiet_NaN());
+  set(1, 1, std::numeric_limits<float>::infinity());
+  set(2, 0, 500.1F);
+  for (const std::size_t axis : {0, 1, 2}) set(3, axis, 0);  // the origin: no return
+  set(4, 3, std::numeric_limits<float>::quiet_NaN());        // only the reflectance is lost
+  const LidarScan scan = require_ok(decode(message));
+  REQUIRE(scan.points.size() == 2);
+  CHECK(scan.points[0].x_m == 5);
+  CHECK(scan.points[0].reflectance == 0);
+  CHECK(scan.points[1].x_m == 6);
+}
+
+TEST_CASE("reflectance is intensity, else reflectance, else zero") {
+  CloudMessage message;
+  message.fields[3].name = "reflectance";
+  CHECK(require_ok(decode(message)).points[2].reflectance == 2);
+  message.fields.push_back({"intensity", 0, 7});
+  CHECK(require_ok(decode(message)).points[2].reflectance == 3);  // x of that point
+  message.fields.resize(3);
+  CHECK(require_ok(decode(message)).points[2].reflectance == 0);
+}
+
+namespace {
+
+/// The same six points with every field of type `datatype` where it may have one, starting `shift` bytes into
+/// a point.
+template <typename Coordinate, typename Intensity>
+CloudMessage laid_out(std::uint8_t coordinate_type, std::uint8_t intensity_type, std::uint32_t shift,
+                      bool big_endian) {
+  CloudMessage message;
+  constexpr std::uint32_t c = sizeof(Coordinate), n = sizeof(Intensity);
+  message.fields = {{"x", shift, coordinate_type},
+                    {"intensity", shift + c, intensity_type},
+                    {"y", shift + c + n, coordinate_type},
+                    {"z", shift + 2 * c + n, coordinate_type}};
+  message.point_step = shift + 3 * c + n;
+  message.row_step = 3 * message.point_step + 5;
+  message.is_bigendian = big_endian;
+  message.data.assign(2 * message.row_step, 0xEE);
+  const auto put = [&](std::size_t at, auto value) {
+    Octets bytes(sizeof(value));
+    std::memcpy(bytes.data(), &value, sizeof(value));
+    if (big_endian) std::ranges::reverse(bytes);  // the tests run on little-endian machines
+    std::ranges::copy(bytes, message.data.begin() + at);
+  };
+  for (std::uint32_t i = 0; i < 6; ++i) {
+    const std::size_t at = i / 3 * message.row_step + i % 3 * message.point_step + shift;
+    put(at, static_cast<Coordinate>(1 + i));
+    put(at + c, static_cast<Intensity>(i));
+    put(at + c + n, static_cast<Coordinate>(2));
+    put(at + 2 * c + n, static_cast<Coordinate>(3));
+  }
+  return message;
+}
+
+void check_same_points(CloudMessage message) {
+  CloudMessage plain;
+  const LidarScan expected = require_ok(decode(plain)), scan = require_ok(decode(message));
+  REQUIRE(scan.points.size() == expected.points.size());
+  for (std::size_t i = 0; i < scan.points.size(); ++i) {
+    CHECK(scan.points[i].x_m == expected.points[i].x_m);
+    CHECK(scan.points[i].y_m == expected.points[i].y_m);
+    CHECK(scan.points[i].z_m == expected.points[i].z_m);
+    CHECK(scan.points[i].reflectance == expected.points[i].reflectance);
+  }
+}
+
+}  // namespace
+
+TEST_CASE("unaligned and big-endian clouds, of every field type, equal the plain one") {
+  for (const bool big_endian : {false, true})
+    for (const std::uint32_t shift : {0U, 1U, 3U}) {
+      INFO("big endian " << big_endian << ", shift " << shift);
+      check_same_points(laid_out<float, std::int8_t>(7, 1, shift, big_endian));
+      check_same_points(laid_out<float, std::uint8_t>(7, 2, shift, big_endian));
+      check_same_points(laid_out<float, std::int16_t>(7, 3, shift, big_endian));
+      check_same_points(laid_out<double, std::uint16_t>(8, 4, shift, big_endian));
+      check_same_points(laid_out<double, std::int32_t>(8, 5, shift, big_endian));
+      check_same_points(laid_out<float, std::uint32_t>(7, 6, shift, big_endian));
+      check_same_points(laid_out<double, float>(8, 7, shift, big_endian));
+      check_same_points(laid_out<float, double>(7, 8, shift, big_endian));
+    }
+}

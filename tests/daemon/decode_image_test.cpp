@@ -1,0 +1,168 @@
+#include <algorithm>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "dds/decode.hpp"
+#include "support/catch.hpp"
+#include "support/ros_messages.hpp"
+#include "support/support.hpp"
+
+using namespace calib;
+using namespace calib::test;
+
+namespace {
+
+Result<Image> decode(ImageMessage& message) { return decode_image(message.raw()); }
+Result<Image> decode(CompressedImageMessage& message) { return decode_compressed_image(message.raw()); }
+
+/// A scene with edges and noise, so that a swapped channel or pattern cannot pass.
+cv::Mat colour_scene(int width, int height) {
+  cv::Mat scene(height, width, CV_8UC3);
+  cv::RNG random(7);
+  random.fill(scene, cv::RNG::UNIFORM, 0, 256);
+  cv::rectangle(scene, {width / 4, height / 4, width / 2, height / 2}, {20, 90, 230}, cv::FILLED);
+  return scene;
+}
+
+ImageMessage image_message(const cv::Mat& pixels, const std::string& encoding, std::uint32_t padding = 0) {
+  ImageMessage message;
+  message.width = static_cast<std::uint32_t>(pixels.cols);
+  message.height = static_cast<std::uint32_t>(pixels.rows);
+  message.step = static_cast<std::uint32_t>(pixels.cols * pixels.elemSize()) + padding;
+  message.encoding = encoding;
+  message.data.assign(std::size_t{message.step} * message.height, 0xEE);
+  for (int row = 0; row < pixels.rows; ++row)
+    std::copy_n(pixels.ptr(row), pixels.cols * pixels.elemSize(), message.data.data() + row * message.step);
+  return message;
+}
+
+CompressedImageMessage compressed_message(const std::string& extension, const cv::Mat& pixels) {
+  CompressedImageMessage message;
+  REQUIRE(cv::imencode(extension, pixels, message.data));
+  return message;
+}
+
+int largest_difference(const Image& image, const cv::Mat& expected) {
+  REQUIRE(image.width == expected.cols);
+  REQUIRE(image.height == expected.rows);
+  const cv::Mat got(image.height, image.width, CV_8UC1, const_cast<std::uint8_t*>(image.pixels.data()));
+  return static_cast<int>(cv::norm(got, expected, cv::NORM_INF));
+}
+
+/// The Bayer mosaic that a sensor with `pattern` (first row, then second row) sees of a BGR scene.
+cv::Mat mosaic(const cv::Mat& scene, const std::string& pattern) {
+  cv::Mat raw(scene.rows, scene.cols, CV_8UC1);
+  for (int y = 0; y < scene.rows; ++y)
+    for (int x = 0; x < scene.cols; ++x) {
+      const char colour = pattern[2 * (y % 2) + x % 2];
+      raw.at<std::uint8_t>(y, x) = scene.at<cv::Vec3b>(y, x)[colour == 'b' ? 0 : colour == 'g' ? 1 : 2];
+    }
+  return raw;
+}
+
+}  // namespace
+
+TEST_CASE("every encoding becomes the grey that OpenCV makes of it, padded rows or not") {
+  const cv::Mat bgr = colour_scene(22, 14);
+  cv::Mat grey, rgb, bgra, rgba;
+  cv::cvtColor(bgr, grey, cv::COLOR_BGR2GRAY);
+  cv::cvtColor(bgr, rgb, cv::COLOR_BGR2RGB);
+  cv::cvtColor(bgr, bgra, cv::COLOR_BGR2BGRA);
+  cv::cvtColor(bgr, rgba, cv::COLOR_BGR2RGBA);
+  const std::vector<std::pair<std::string, cv::Mat>> encoded{{"mono8", grey}, {"8UC1", grey}, {"bgr8", bgr},
+                                                             {"8UC3", bgr},   {"rgb8", rgb},  {"bgra8", bgra},
+                                                             {"rgba8", rgba}};
+  for (const auto& [encoding, pixels] : encoded)
+    for (const std::uint32_t padding : {0U, 1U, 13U}) {
+      INFO(encoding << " with rows padded by " << padding);
+      ImageMessage message = image_message(pixels, encoding, padding);
+      CHECK(largest_difference(require_ok(decode(message)), grey) == 0);
+    }
+}
+
+TEST_CASE("16-bit grey is scaled from its full range, in both byte orders and at odd addresses") {
+  cv::Mat deep(9, 11, CV_16UC1), expected;
+  cv::RNG random(3);
+  random.fill(deep, cv::RNG::UNIFORM, 0, 65536);
+  deep.at<std::uint16_t>(0, 0) = 65535;
+  deep.at<std::uint16_t>(0, 1) = 0;
+  deep.convertTo(expected, CV_8U, 255.0 / 65535.0);
+  for (const std::uint32_t padding : {0U, 1U}) {
+    ImageMessage message = image_message(deep, "mono16", padding);
+    CHECK(largest_difference(require_ok(decode(message)), expected) == 0);
+    for (std::size_t row = 0; row < message.height; ++row)
+      for (std::size_t i = 0; i + 1 < 22; i += 2)
+        std::swap(message.data[row * message.step + i], message.data[row * message.step + i + 1]);
+    message.is_bigendian = 1;
+    CHECK(largest_difference(require_ok(decode(message)), expected) == 0);
+  }
+}
+
+TEST_CASE("a Bayer image of a smooth scene gives that scene's grey, whichever the pattern") {
+  // Strong colours: a pattern mistaken for another swaps red and blue, 60 grey levels apart here.
+  cv::Mat bgr(24, 32, CV_8UC3, cv::Scalar(10, 120, 250)), grey;
+  cv::cvtColor(bgr, grey, cv::COLOR_BGR2GRAY);
+  for (const std::string pattern : {"rggb", "bggr", "gbrg", "grbg"}) {
+    INFO(pattern);
+    ImageMessage message = image_message(mosaic(bgr, pattern), "bayer_" + pattern + "8");
+    CHECK(largest_difference(require_ok(decode(message)), grey) <= 1);
+  }
+}
+
+TEST_CASE("YUV 4:2:2 gives its luma, wherever in the pair of bytes that is") {
+  const cv::Mat scene = colour_scene(22, 14);
+  cv::Mat luma;
+  cv::cvtColor(scene, luma, cv::COLOR_BGR2GRAY);
+  for (const std::string encoding : {"yuv422", "uyvy", "yuv422_yuy2", "yuyv"}) {
+    INFO(encoding);
+    cv::Mat packed(luma.rows, luma.cols, CV_8UC2, cv::Scalar(200, 200));
+    cv::insertChannel(luma, packed, encoding == "yuv422" || encoding == "uyvy" ? 1 : 0);
+    ImageMessage message = image_message(packed, encoding, 4);
+    CHECK(largest_difference(require_ok(decode(message)), luma) == 0);
+  }
+}
+
+TEST_CASE("a compressed image decodes to the camera's own pixels") {
+  const cv::Mat scene = colour_scene(64, 48);
+  cv::Mat grey;
+  cv::cvtColor(scene, grey, cv::COLOR_BGR2GRAY);
+  auto png = compressed_message(".png", grey);
+  const Image image = require_ok(decode(png));
+  CHECK(image.stamp == std::chrono::seconds(12) + std::chrono::nanoseconds(345));
+  CHECK(largest_difference(image, grey) == 0);
+  auto jpeg = compressed_message(".jpg", cv::Mat(48, 64, CV_8UC1, cv::Scalar(77)));
+  CHECK(largest_difference(require_ok(decode(jpeg)), cv::Mat(48, 64, CV_8UC1, cv::Scalar(77))) <= 1);
+}
+
+TEST_CASE("an EXIF orientation does not turn the image") {
+  auto message = compressed_message(".jpg", colour_scene(64, 48));
+  const Octets exif{
+      0xFF, 0xE1, 0x00, 0x22, 'E', 'x', 'i', 'f', 0, 0, 'M', 'M', 0, 42, 0, 0, 0, 8,   // one IFD entry:
+      0,    1,    0x01, 0x12, 0,   3,   0,   0,   0, 1, 0,   6,   0, 0,  0, 0, 0, 0};  // turn by 90 degrees
+  message.data.insert(message.data.begin() + 2, exif.begin(), exif.end());
+  cv::Mat turned = cv::imdecode(message.data, cv::IMREAD_GRAYSCALE);
+  REQUIRE(turned.cols == 48);  // the tag is understood by those who look at it
+  CHECK(require_ok(decode(message)).width == 64);
+}
+
+TEST_CASE("a JPEG's size is read from its frame header, before any decoding") {
+  auto message = compressed_message(".jpg", colour_scene(64, 48));
+  CHECK(require_ok(decode(message)).width == 64);
+  std::size_t frame = 2;
+  while (message.data[frame + 1] != 0xC0)
+    frame += 2 + (message.data[frame + 2] << 8 | message.data[frame + 3]);
+  std::fill_n(message.data.begin() + frame + 5, 4, std::uint8_t{0xFF});  // 65535 x 65535
+  CHECK(decode(message).error().code == "malformed:compressed_dimensions");
+  std::fill_n(message.data.begin() + frame + 5, 4, std::uint8_t{0});
+  CHECK(decode(message).error().code == "malformed:compressed_dimensions");
+  message.data.resize(frame);  // no frame header at all
+  CHECK(decode(message).error().code == "malformed:compressed_dimensions");
+}
+
+TEST_CASE("a JPEG that was cut short is refused, one that is padded is not") {
+  auto message = compressed_message(".jpg", colour_scene(64, 48));
+  message.data.insert(message.data.end(), 100, 0);
+  CHECK(decode(message));
+  message.data.resize(message.data.size() / 2);
+  CHECK(decode(message).error().code == "malformed:compressed_data");
+}
