@@ -11,31 +11,33 @@
 namespace calib {
 
 /// From ROS 2 messages, as anybody may have sent them, to the values of libcalib. Nothing a message says is
-/// believed before it is checked, in 64-bit arithmetic, against the bytes that came with it. A message
-/// outside its bounds gives `malformed:<what>`:
+/// believed before it is checked, in 64-bit arithmetic, against the bytes that came with it. A message outside
+/// its bounds gives `malformed:<what>`:
 ///
-/// | code                            | message         | bound |
-/// |---------------------------------|-----------------|------------------------------------------------------------|
-/// | malformed:stamp                 | all             | sec >= 0, nanosec < 1e9 | | malformed:encoding |
-/// Image           | on the list of `decode_image`                              | | malformed:depth_encoding
-/// | (Compressed)Image | 16UC1 and 32FC1 are depth, not what a camera sees        | | malformed:image_size |
-/// Image, CameraInfo | 1 <= width * height <= 64 Mpx                            | | malformed:step | Image |
-/// step >= width * bytes per pixel                            | | malformed:image_data            | Image |
-/// data >= step * height; OpenCV takes it                     | | malformed:compressed_size       |
-/// CompressedImage | 1 .. 32'000'000 bytes                                      | |
-/// malformed:compressed_format     | CompressedImage | begins as a JPEG or a PNG does | |
-/// malformed:compressed_dimensions | CompressedImage | its header gives 1 .. 64 Mpx, read before any decoding
-/// | | malformed:compressed_data       | CompressedImage | decodes, to the size that its header gave | |
-/// malformed:point_step            | PointCloud2     | 1 <= point_step <= 4096 | | malformed:cloud_size |
-/// PointCloud2     | width * height <= 4'000'000                                | | malformed:fields |
-/// PointCloud2     | at most 64 fields                                          | | malformed:field_type |
-/// PointCloud2     | datatype 1 .. 8                                            | | malformed:field_bounds |
-/// PointCloud2     | offset + size * count <= point_step                        | | malformed:xyz |
-/// PointCloud2     | x, y, z once each, one FLOAT32 or FLOAT64                  | | malformed:row_step |
-/// PointCloud2     | row_step >= width * point_step                             | | malformed:cloud_data |
-/// PointCloud2     | data >= (height - 1) * row_step + width * point_step       | | malformed:intrinsics |
-/// CameraInfo      | K and P finite, 1 < fx, fy < 1e5                           | | malformed:distortion |
-/// CameraInfo      | known model, D finite and as long as the model has it      |
+// clang-format off
+/// | code                            | message                | bound                                                |
+/// |---------------------------------|------------------------|------------------------------------------------------|
+/// | malformed:stamp                 | all                    | sec >= 0, nanosec < 1e9                              |
+/// | malformed:encoding              | Image                  | on the list of `decode_image`                        |
+/// | malformed:depth_encoding        | Image, CompressedImage | not 16UC1 or 32FC1: that is depth                    |
+/// | malformed:image_size            | Image, CameraInfo      | 1 <= width * height <= 64 Mpx                        |
+/// | malformed:step                  | Image                  | step >= width * bytes per pixel                      |
+/// | malformed:image_data            | Image                  | data >= step * height; OpenCV takes it               |
+/// | malformed:compressed_size       | CompressedImage        | 1 .. 32'000'000 bytes                                |
+/// | malformed:compressed_format     | CompressedImage        | begins as a JPEG or a PNG does                       |
+/// | malformed:compressed_dimensions | CompressedImage        | 1 .. 64 Mpx, by its header                           |
+/// | malformed:compressed_data       | CompressedImage        | whole; decodes to its header's size                  |
+/// | malformed:point_step            | PointCloud2            | 1 <= point_step <= 4096                              |
+/// | malformed:cloud_size            | PointCloud2            | width * height <= 4'000'000                          |
+/// | malformed:fields                | PointCloud2            | at most 64 fields                                    |
+/// | malformed:field_type            | PointCloud2            | datatype 1 .. 8                                      |
+/// | malformed:field_bounds          | PointCloud2            | offset + size * count <= point_step                  |
+/// | malformed:xyz                   | PointCloud2            | x, y, z once each, FLOAT32 or FLOAT64                |
+/// | malformed:row_step              | PointCloud2            | row_step >= width * point_step                       |
+/// | malformed:cloud_data            | PointCloud2            | data >= (height - 1) * row_step + width * point_step |
+/// | malformed:intrinsics            | CameraInfo             | K and P finite, 1 < fx, fy < 1e5                     |
+/// | malformed:distortion            | CameraInfo             | a known model, D finite and as long as it asks       |
+// clang-format on
 
 /// Grey by OpenCV's weights, 8 bit. Encodings: rgb8 bgr8 rgba8 bgra8 mono8 8UC1, 8UC3 (as bgr8), mono16 (its
 /// full range becomes 0 .. 255), bayer_{rggb,bggr,gbrg,grbg}8, yuv422 = uyvy, yuv422_yuy2 = yuyv.
