@@ -98,11 +98,11 @@ Score score(const FeatureSet& features, const RigidTransform& T_camera_lidar, co
   return {(range_entropy + depth_entropy) / joint_entropy, points};
 }
 
-Score mean_score(std::span<const FeatureSet> frames, const RigidTransform& T_camera_lidar,
+Score mean_score(Frames frames, const RigidTransform& T_camera_lidar,
                  const ObjectiveOptions& options) {
   Score mean;
-  for (const FeatureSet& frame : frames) {
-    const Score one = score(frame, T_camera_lidar, options);
+  for (const FeatureSet* frame : frames) {
+    const Score one = score(*frame, T_camera_lidar, options);
     mean.value += one.value;
     mean.points += one.points;
   }

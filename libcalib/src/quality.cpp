@@ -48,7 +48,7 @@ Result<void> check_pair(const FramePair& pair, const Camera& camera, const Scene
                         const QualityLimits& limits) {
   const Image& image = pair.image;
   if (image.width != camera.width() || image.height != camera.height())
-    return fail("malformed:image_size", "the image is " + std::to_string(image.width) + " x " +
+    return fail("image_size_mismatch", "the image is " + std::to_string(image.width) + " x " +
                                             std::to_string(image.height) + ", the configured camera " +
                                             std::to_string(camera.width()) + " x " + std::to_string(camera.height()));
   constexpr int step = 4;

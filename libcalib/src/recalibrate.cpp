@@ -15,7 +15,7 @@ constexpr double rotation_unit_rad = radians_per_degree, translation_unit_m = 0.
 /// The mean score over frames, maximised over extrinsics near a starting one.
 class Search {
  public:
-  Search(std::span<const FeatureSet> frames, const RigidTransform& T_start, const SearchBounds& bounds)
+  Search(Frames frames, const RigidTransform& T_start, const SearchBounds& bounds)
       : frames_(frames), T_start_(T_start), bounds_(bounds) {}
 
   /// The mean score less a penalty for leaving the bounds: they are a box in the LiDAR's own parameters, which is none in
@@ -112,7 +112,7 @@ class Search {
   [[nodiscard]] int evaluations() const { return evaluations_; }
 
  private:
-  std::span<const FeatureSet> frames_;
+  Frames frames_;
   RigidTransform T_start_;
   SearchBounds bounds_;
   int evaluations_ = 0;
@@ -123,11 +123,11 @@ struct Gain {
   double mean = 0, standard_error = 0;
   [[nodiscard]] bool exceeds(double sigmas) const { return mean > sigmas * standard_error && mean > 0; }
 };
-Gain gain(std::span<const FeatureSet> frames, const RigidTransform& before, const RigidTransform& after) {
+Gain gain(Frames frames, const RigidTransform& before, const RigidTransform& after) {
   std::vector<double> differences;
   Gain result;
-  for (const FeatureSet& frame : frames) {
-    differences.push_back(score(frame, after).value - score(frame, before).value);
+  for (const FeatureSet* frame : frames) {
+    differences.push_back(score(*frame, after).value - score(*frame, before).value);
     result.mean += differences.back();
   }
   const auto n = static_cast<double>(frames.size());
@@ -139,10 +139,10 @@ Gain gain(std::span<const FeatureSet> frames, const RigidTransform& before, cons
 }
 
 /// Standard deviation of the result from how much the frames' own optima scatter about it.
-Vector6 uncertainty(std::span<const FeatureSet> frames, const RigidTransform& T) {
+Vector6 uncertainty(Frames frames, const RigidTransform& T) {
   Vector6 sum = Vector6::Zero(), squares = Vector6::Zero();
-  for (const FeatureSet& frame : frames) {
-    const Vector6 offset = axis_offsets(evaluate_stencil(frame, T)).delta;
+  for (const FeatureSet* frame : frames) {
+    const Vector6 offset = axis_offsets(evaluate_stencil(*frame, T)).delta;
     sum += offset;
     squares += offset.cwiseAbs2();
   }
@@ -159,7 +159,7 @@ std::string in_words(const Gain& gained) {
 
 }  // namespace
 
-Result<Recalibration> recalibrate(std::span<const FeatureSet> fit, std::span<const FeatureSet> held_back,
+Result<Recalibration> recalibrate(Frames fit, Frames held_back,
                                   const RigidTransform& T_camera_lidar, const RecalibrationSettings& settings) {
   if (fit.size() < 3 || held_back.size() < 2)
     return fail("too_few_pairs", std::to_string(fit.size()) + " pairs to fit and " + std::to_string(held_back.size()) +

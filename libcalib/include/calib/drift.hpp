@@ -100,6 +100,7 @@ class DriftMonitor {
   /// Stamp of the pair at which the evidence that led to `suspect` or `drifted` begins.
   [[nodiscard]] std::optional<Timestamp> first_sign() const;
   [[nodiscard]] const DriftState& state() const { return state_; }
+  [[nodiscard]] const DriftSettings& settings() const { return settings_; }
 
  private:
   [[nodiscard]] Vector6 standardised(const AxisOffsets& offsets) const;

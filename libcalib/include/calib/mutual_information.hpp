@@ -30,9 +30,12 @@ struct Score {
                           const ObjectiveOptions& options = {});
 inline constexpr std::size_t min_scored_points = 200;
 
+/// Frames as they are kept, each somewhere of its own; none is null.
+using Frames = std::span<const FeatureSet* const>;
+
 /// The mean score over frames (paper, Eq. "MI average"; pooling the histograms instead is measurably worse).
 /// Points are summed.
-[[nodiscard]] Score mean_score(std::span<const FeatureSet> frames, const RigidTransform& T_camera_lidar,
+[[nodiscard]] Score mean_score(Frames frames, const RigidTransform& T_camera_lidar,
                                const ObjectiveOptions& options = {});
 
 }  // namespace calib

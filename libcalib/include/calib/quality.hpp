@@ -21,7 +21,7 @@ struct SceneThumbnail {
 };
 [[nodiscard]] SceneThumbnail thumbnail(const Image& image);
 
-/// Checks, in the order in which they are cheap, all that can be known before depth is computed: `malformed:image_size`
+/// Checks, in the order in which they are cheap, all that can be known before depth is computed: `image_size_mismatch`
 /// (not the camera's), `dark`, `saturated`, `low_texture`, `standing_still` (against `last`, when there is one),
 /// `low_overlap` (no points).
 [[nodiscard]] Result<void> check_pair(const FramePair& pair, const Camera& camera, const SceneThumbnail* last,

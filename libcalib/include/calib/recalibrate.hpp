@@ -44,7 +44,7 @@ struct Recalibration {
 ///
 /// Fails with `too_few_pairs` below three frames to fit or two held back, and with `recalibration_failed` when the
 /// optimiser breaks.
-[[nodiscard]] Result<Recalibration> recalibrate(std::span<const FeatureSet> fit, std::span<const FeatureSet> held_back,
+[[nodiscard]] Result<Recalibration> recalibrate(Frames fit, Frames held_back,
                                                 const RigidTransform& T_camera_lidar,
                                                 const RecalibrationSettings& settings);
 

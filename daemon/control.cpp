@@ -1,0 +1,212 @@
+#include "control.hpp"
+
+#include <fcntl.h>
+#include <grp.h>
+#include <poll.h>
+#include <pwd.h>
+#include <sys/eventfd.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+
+namespace calib {
+namespace {
+
+constexpr std::size_t max_request_bytes = 64 * 1024;
+constexpr std::size_t max_connections = 16;
+constexpr std::chrono::seconds request_time{10};
+/// A recalibration takes its time; its asker is waited for.
+constexpr std::chrono::minutes answer_time{10};
+
+std::string system_error(const std::string& what) { return what + ": " + std::strerror(errno); }
+
+bool is_member(uid_t uid, gid_t group) {
+  const passwd* user = getpwuid(uid);
+  if (user == nullptr) return false;
+  int count = 64;
+  std::vector<gid_t> groups(count);
+  if (getgrouplist(user->pw_name, user->pw_gid, groups.data(), &count) < 0) {
+    groups.resize(count);
+    if (getgrouplist(user->pw_name, user->pw_gid, groups.data(), &count) < 0) return false;
+  }
+  groups.resize(count);
+  return std::ranges::find(groups, group) != groups.end();
+}
+
+Result<Peer> peer_of(int fd) {
+  ucred credentials{};
+  socklen_t size = sizeof credentials;
+  if (getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &credentials, &size) != 0)
+    return fail("control_socket", system_error("SO_PEERCRED"));
+  const bool may_change = credentials.uid == 0 || credentials.uid == geteuid() || credentials.gid == getegid() ||
+                          is_member(credentials.uid, getegid());
+  return Peer{credentials.uid, credentials.pid, may_change};
+}
+
+bool somebody_listens(const sockaddr_un& address) {
+  const int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  const bool connected = fd >= 0 && connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
+  if (fd >= 0) close(fd);
+  return connected;
+}
+
+}  // namespace
+
+nlohmann::json refusal(std::string_view code, std::string_view message) {
+  return {{"ok", false}, {"code", code}, {"message", message}};
+}
+
+ControlSocket::Answers::~Answers() {
+  if (wake_fd >= 0) close(wake_fd);
+}
+
+Result<ControlSocket> ControlSocket::open(const std::filesystem::path& path) {
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  if (path.string().size() >= sizeof address.sun_path)
+    return fail("control_socket", "the path " + path.string() + " is too long for a socket; choose a shorter runtime_dir");
+  std::strcpy(address.sun_path, path.c_str());
+  if (somebody_listens(address))
+    return fail("control_socket", "another calibd listens on " + path.string() + "; stop it first");
+  std::error_code ignored;
+  std::filesystem::remove(path, ignored);
+
+  ControlSocket socket;
+  socket.answers_ = std::make_shared<Answers>();
+  socket.answers_->wake_fd = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
+  socket.listen_fd_ = ::socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+  if (socket.answers_->wake_fd < 0 || socket.listen_fd_ < 0) return fail("control_socket", system_error("socket"));
+  // Made without rights for others; the group is the daemon's own.
+  const mode_t before = umask(0117);
+  const bool bound = bind(socket.listen_fd_, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
+  umask(before);
+  if (!bound || listen(socket.listen_fd_, max_connections) != 0)
+    return fail("control_socket", system_error("cannot listen on " + path.string()));
+  socket.path_ = path;
+  return socket;
+}
+
+ControlSocket::ControlSocket(ControlSocket&& other) noexcept
+    : listen_fd_(std::exchange(other.listen_fd_, -1)), path_(std::move(other.path_)), next_id_(other.next_id_),
+      connections_(std::move(other.connections_)), answers_(std::move(other.answers_)) {
+  other.path_.clear();
+}
+
+ControlSocket::~ControlSocket() {
+  for (const auto& [id, connection] : connections_) close(connection.fd);
+  if (listen_fd_ < 0) return;
+  close(listen_fd_);
+  std::error_code ignored;
+  if (!path_.empty()) std::filesystem::remove(path_, ignored);
+}
+
+void ControlSocket::accept_connection() {
+  const int fd = accept4(listen_fd_, nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC);
+  if (fd < 0) return;
+  const auto peer = peer_of(fd);
+  if (!peer || connections_.size() >= max_connections) {
+    close(fd);
+    return;
+  }
+  Connection connection;
+  connection.fd = fd;
+  connection.peer = *peer;
+  connection.deadline = std::chrono::steady_clock::now() + request_time;
+  connections_.emplace(next_id_++, std::move(connection));
+}
+
+void ControlSocket::drop(std::uint64_t id) {
+  const auto found = connections_.find(id);
+  close(found->second.fd);
+  connections_.erase(found);
+}
+
+bool ControlSocket::read_request(std::uint64_t id, Connection& connection,
+                                 const std::function<void(Question)>& ask) {
+  char buffer[4096];
+  const ssize_t count = read(connection.fd, buffer, sizeof buffer);
+  if (count < 0) return errno == EAGAIN || errno == EINTR;
+  // An asker may close its writing side and still read; but one who closes before asking is gone.
+  if (count == 0) return connection.asked;
+  if (connection.asked) return true;  // one question to a connection; the rest is not read into memory
+  connection.received.append(buffer, static_cast<std::size_t>(count));
+  const auto end = connection.received.find('\n');
+  if (end == std::string::npos && connection.received.size() <= max_request_bytes) return true;
+
+  connection.asked = true;
+  connection.deadline = std::chrono::steady_clock::now() + answer_time;
+  const auto answer = [answers = answers_, id](const nlohmann::json& reply) {
+    const std::lock_guard lock(answers->mutex);
+    answers->lines[id] = reply.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + '\n';
+    const std::uint64_t one = 1;
+    [[maybe_unused]] const ssize_t written = write(answers->wake_fd, &one, sizeof one);
+  };
+  if (end == std::string::npos || end > max_request_bytes) {
+    answer(refusal("bad_request", "a request is one line of at most 64 KiB"));
+    return true;
+  }
+  auto request = nlohmann::json::parse(connection.received.substr(0, end), nullptr, /*allow_exceptions=*/false);
+  connection.received.clear();
+  if (!request.is_object() || request.value("schema", nlohmann::json()) != 1 || !request.contains("request") ||
+      !request["request"].is_string())
+    answer(refusal("bad_request", R"(a request is a JSON object with "schema": 1 and "request")"));
+  else
+    ask({std::move(request), connection.peer, answer});
+  return true;
+}
+
+bool ControlSocket::send_answer(Connection& connection) {
+  const ssize_t count = send(connection.fd, connection.to_send.data(), connection.to_send.size(), MSG_NOSIGNAL);
+  if (count < 0) return errno == EAGAIN || errno == EINTR;
+  connection.to_send.erase(0, static_cast<std::size_t>(count));
+  return !connection.to_send.empty();
+}
+
+void ControlSocket::collect_answers() {
+  std::uint64_t ignored = 0;
+  [[maybe_unused]] const ssize_t count = read(answers_->wake_fd, &ignored, sizeof ignored);
+  const std::lock_guard lock(answers_->mutex);
+  for (auto& [id, line] : answers_->lines)
+    if (const auto found = connections_.find(id); found != connections_.end())
+      found->second.to_send = std::move(line);
+  answers_->lines.clear();
+}
+
+bool ControlSocket::serve(std::chrono::milliseconds timeout, int other_fd, const std::function<void(Question)>& ask) {
+  const auto end = std::chrono::steady_clock::now() + timeout;
+  for (;;) {
+    std::vector<pollfd> fds{{other_fd, POLLIN, 0}, {listen_fd_, POLLIN, 0}, {answers_->wake_fd, POLLIN, 0}};
+    std::vector<std::uint64_t> ids;
+    auto until = end;
+    for (const auto& [id, connection] : connections_) {
+      // A hang-up is always reported; one that waits for its answer is not asked for more.
+      const short events = !connection.to_send.empty() ? POLLOUT : connection.asked ? short{0} : POLLIN;
+      fds.push_back({connection.fd, events, 0});
+      ids.push_back(id);
+      until = std::min(until, connection.deadline);
+    }
+    const auto left = std::chrono::ceil<std::chrono::milliseconds>(until - std::chrono::steady_clock::now());
+    if (poll(fds.data(), fds.size(), static_cast<int>(std::max<std::int64_t>(0, left.count()))) < 0 && errno != EINTR)
+      return false;
+    if ((fds[0].revents & POLLIN) != 0) return true;
+    if ((fds[1].revents & POLLIN) != 0) accept_connection();
+    if ((fds[2].revents & POLLIN) != 0) collect_answers();
+    const auto now = std::chrono::steady_clock::now();
+    for (std::size_t i = 0; i < ids.size(); ++i) {
+      Connection& connection = connections_.at(ids[i]);
+      const short events = fds[i + 3].revents;
+      bool alive = now < connection.deadline && (events & (POLLHUP | POLLERR | POLLNVAL)) == 0;
+      if (alive && (events & POLLOUT) != 0) alive = send_answer(connection);
+      if (alive && (events & POLLIN) != 0) alive = read_request(ids[i], connection, ask);
+      if (!alive) drop(ids[i]);
+    }
+    if (now >= end) return false;
+  }
+}
+
+}  // namespace calib

@@ -1,0 +1,84 @@
+#pragma once
+
+#include <sys/types.h>
+
+#include <chrono>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "calib/result.hpp"
+
+namespace calib {
+
+/// Who is at the other end of the control socket, as the kernel says.
+struct Peer {
+  uid_t uid = 0;
+  pid_t pid = 0;
+  /// root, the daemon's own user, or a member of its group: may ask for changes. Anyone who can open the socket may read.
+  bool may_change = false;
+};
+
+/// One question to the daemon. `answer` may be called from any thread, once; a question whose asker has left is answered
+/// into the void.
+struct Question {
+  nlohmann::json request;
+  Peer peer;
+  std::function<void(nlohmann::json)> answer;
+};
+
+/// The control socket (proto/control.md): one JSON line in, one JSON line out, on a UNIX stream socket. One thread runs
+/// it and never blocks: slow and silent askers cost a file descriptor for ten seconds, at most sixteen at a time.
+class ControlSocket {
+ public:
+  /// Replaces a socket that a dead daemon left. Fails with `control_socket` when a live daemon listens there.
+  [[nodiscard]] static Result<ControlSocket> open(const std::filesystem::path& path);
+  ControlSocket(ControlSocket&& other) noexcept;
+  ControlSocket& operator=(ControlSocket&&) = delete;
+  ~ControlSocket();
+
+  /// Serves until `timeout` passed or `other_fd` (-1: none) can be read, and returns whether the latter.
+  bool serve(std::chrono::milliseconds timeout, int other_fd, const std::function<void(Question)>& ask);
+
+ private:
+  struct Connection {
+    int fd = -1;
+    Peer peer;
+    std::string received;
+    std::string to_send;
+    bool asked = false;
+    std::chrono::steady_clock::time_point deadline;
+  };
+  /// Answers given by other threads, until the serving thread sends them.
+  struct Answers {
+    std::mutex mutex;
+    std::map<std::uint64_t, std::string> lines;
+    int wake_fd = -1;
+    ~Answers();
+  };
+
+  ControlSocket() = default;
+  void accept_connection();
+  /// False: the connection is over.
+  [[nodiscard]] bool read_request(std::uint64_t id, Connection& connection,
+                                  const std::function<void(Question)>& ask);
+  [[nodiscard]] static bool send_answer(Connection& connection);
+  void collect_answers();
+  void drop(std::uint64_t id);
+
+  int listen_fd_ = -1;
+  std::filesystem::path path_;
+  std::uint64_t next_id_ = 1;
+  std::map<std::uint64_t, Connection> connections_;
+  std::shared_ptr<Answers> answers_;
+};
+
+/// The reply that says no: `{"ok":false,"code":…,"message":…}`.
+[[nodiscard]] nlohmann::json refusal(std::string_view code, std::string_view message);
+
+}  // namespace calib

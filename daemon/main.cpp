@@ -1,0 +1,154 @@
+#include <spdlog/sinks/stdout_color_sinks.h>
+#include <spdlog/spdlog.h>
+#include <sys/signalfd.h>
+#include <systemd/sd-daemon.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <atomic>
+#include <csignal>
+#include <cstdio>
+#include <fstream>
+#include <iterator>
+#include <opencv2/core.hpp>
+#include <thread>
+
+#include "control.hpp"
+#include "service.hpp"
+#include "version.hpp"
+
+namespace {
+
+using calib::Error;
+using calib::Result;
+
+constexpr int exit_failed = 1;
+constexpr int exit_config = 78;  // EX_CONFIG: starting again does not help
+
+std::optional<std::filesystem::path> path_from_environment(const char* name) {
+  const char* value = std::getenv(name);
+  if (value == nullptr || *value == '\0') return std::nullopt;
+  return value;
+}
+
+std::string file_bytes(const std::filesystem::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+int complain(const Error& error, int code) {
+  spdlog::error("{}", calib::escape_control(error.context));
+  sd_notifyf(0, "STATUS=%s", calib::escape_control(error.context).c_str());
+  return code;
+}
+
+/// Signals come as readable bytes, to the one thread that serves the control socket.
+Result<int> block_signals() {
+  sigset_t signals;
+  sigemptyset(&signals);
+  sigaddset(&signals, SIGTERM);
+  sigaddset(&signals, SIGINT);
+  pthread_sigmask(SIG_BLOCK, &signals, nullptr);
+  const int fd = signalfd(-1, &signals, SFD_NONBLOCK | SFD_CLOEXEC);
+  if (fd < 0) return calib::fail("signals", "signalfd failed");
+  return fd;
+}
+
+Result<void> make_directories(const calib::Config& config) {
+  for (const auto& directory : {config.state_dir, config.runtime_dir}) {
+    std::error_code error;
+    std::filesystem::create_directories(directory, error);
+    if (error || access(directory.c_str(), W_OK) != 0)
+      return calib::fail("bad_directory", directory.string() + " cannot be written: " +
+                                              (error ? error.message() : "permission denied") +
+                                              "; make it, or choose another in the configuration");
+  }
+  return {};
+}
+
+calib::Provenance provenance(const calib::Config& config) {
+  std::string boot_id = file_bytes("/proc/sys/kernel/random/boot_id");
+  boot_id.erase(boot_id.find_last_not_of('\n') + 1);
+  return {config.vehicle, config.sha256, calib::version, calib::sha256_hex(file_bytes("/proc/self/exe")), boot_id};
+}
+
+Result<std::unique_ptr<calib::Service>> make_service(calib::Config config, calib::SigningKey key) {
+  auto ledger = calib::Ledger::open(config.state_dir, std::move(key), provenance(config));
+  if (!ledger) return tl::unexpected(ledger.error());
+  auto bus = calib::Bus::open(config.dds.domain, config.dds.interface);
+  if (!bus) return tl::unexpected(bus.error());
+  return calib::Service::make(std::move(config), std::move(*ledger), std::move(*bus));
+}
+
+/// Serves the control socket until a signal comes, while the service does its work on a thread of its own.
+int serve(calib::Service& service, calib::ControlSocket& control, int signal_fd) {
+  std::atomic<bool> ended = false;
+  std::thread worker([&] {
+    // The watchdog is fed by steps of the pipeline and by nothing else.
+    service.run([] { sd_notify(0, "WATCHDOG=1"); });
+    ended = true;
+  });
+  sd_notifyf(0, "READY=1\nSTATUS=watching\nMAINPID=%d", static_cast<int>(getpid()));
+  spdlog::info("calibd {} watches", calib::version);
+  const auto ask = [&](calib::Question question) {
+    if (question.request["request"] == "status")
+      question.answer({{"ok", true}, {"status", to_json(service.status())}});
+    else
+      service.ask(std::move(question));
+  };
+  while (!ended && !control.serve(std::chrono::seconds(1), signal_fd, ask)) {
+  }
+  sd_notify(0, "STOPPING=1");
+  service.stop();
+  worker.join();
+  spdlog::info("calibd ends");
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app{"Watches whether cameras and LiDARs still are where their calibration says."};
+  app.set_version_flag("--version", std::string("calibd ") + calib::version);
+  std::filesystem::path config_file = "/etc/calibd/calibd.yaml";
+  bool check_only = false;
+  app.add_option("--config", config_file, "Configuration file")->capture_default_str();
+  app.add_flag("--check-config", check_only, "Read the configuration, say whether it is right, and end");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  }
+  spdlog::set_default_logger(spdlog::stderr_color_mt("calibd"));
+  // Under systemd the journal has the time already.
+  spdlog::set_pattern(std::getenv("JOURNAL_STREAM") != nullptr ? "%v" : "%Y-%m-%dT%H:%M:%S.%e %^%l%$ %v");
+
+  const calib::Places places{path_from_environment("STATE_DIRECTORY"), path_from_environment("RUNTIME_DIRECTORY"),
+                             path_from_environment("CREDENTIALS_DIRECTORY")};
+  auto config = calib::load_config(config_file, places);
+  if (!config) {
+    std::fprintf(stderr, "%s\n", calib::escape_control(config.error().context).c_str());
+    return exit_config;
+  }
+  if (check_only) {
+    std::printf("%s: good, %zu pair%s\n", config_file.c_str(), config->pairs.size(), config->pairs.size() == 1 ? "" : "s");
+    return 0;
+  }
+  // One core is what a vehicle gives; and one thread more would not change any result.
+  cv::setNumThreads(1);
+  const auto signal_fd = block_signals();
+  if (!signal_fd) return complain(signal_fd.error(), exit_failed);
+  auto key = calib::SigningKey::load(config->signing_key);
+  if (!key) return complain(key.error(), exit_config);
+  if (auto made = make_directories(*config); !made) return complain(made.error(), exit_config);
+  auto control = calib::ControlSocket::open(config->runtime_dir / "control.sock");
+  if (!control) return complain(control.error(), exit_failed);
+  auto service = make_service(std::move(*config), std::move(*key));
+  if (!service) {
+    // Records that do not verify are for a person to look at; starting again would not mend them.
+    const bool records = service.error().code == "bad_signature" || service.error().code == "broken_chain" ||
+                         service.error().code == "wrong_key" || service.error().code == "malformed_record";
+    return complain(service.error(), records ? exit_config : exit_failed);
+  }
+  return serve(**service, *control, *signal_fd);
+}

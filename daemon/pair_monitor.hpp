@@ -1,0 +1,69 @@
+#pragma once
+
+#include <deque>
+#include <memory>
+#include <optional>
+
+#include "calib/depth.hpp"
+#include "calib/quality.hpp"
+#include "calib/recalibrate.hpp"
+#include "pair_state.hpp"
+
+namespace calib {
+
+struct PairMonitorSettings {
+  int frames = 25;  // pairs to fit, at least 8; a quarter as many more are held back
+  SearchBounds bounds;
+  QualityLimits quality;
+  DriftSettings drift;
+};
+
+/// Watches one camera-LiDAR pair: from a pair of samples to evidence, from evidence to a verdict, and from the pairs
+/// kept to a new extrinsic. Knows no DDS and no clock; not thread-safe.
+class PairMonitor {
+ public:
+  PairMonitor(const PairMonitorSettings& settings, const Camera& camera, std::unique_ptr<DepthEstimator> depth,
+              const RigidTransform& T_camera_lidar, DriftState drift);
+
+  struct Evidence {
+    Stencil stencil;
+    DriftVerdict verdict;
+  };
+  /// Depth, quality, features, stencil, verdict. Fails with the reason why this pair says nothing.
+  [[nodiscard]] Result<Evidence> evaluate(const FramePair& pair);
+
+  /// Whether enough pairs from after the first sign of drift (any, when there is no sign) are kept.
+  [[nodiscard]] bool can_recalibrate() const { return eligible().size() >= wanted_pairs(); }
+  /// Pairs that a recalibration takes: those to fit and those held back.
+  [[nodiscard]] std::size_t wanted_pairs() const;
+  /// "12 of 31": pairs kept for a recalibration, and how many it takes.
+  [[nodiscard]] std::string progress() const;
+
+  struct Outcome {
+    Recalibration result;
+    std::vector<Timestamp> frames;
+  };
+  /// From the eligible pairs, of which every fifth is held back. Fails with `not_ready` when there are too few.
+  [[nodiscard]] Result<Outcome> recalibrate() const;
+
+  /// Puts an extrinsic in force: evidence and kept pairs belong to the old one and are forgotten.
+  void adopt(const RigidTransform& T_camera_lidar);
+  /// Forgets kept pairs, so that the next recalibration is made from new ones only.
+  void forget_pairs() { kept_.clear(); }
+
+  [[nodiscard]] const RigidTransform& T_camera_lidar() const { return T_camera_lidar_; }
+  [[nodiscard]] const DriftMonitor& drift() const { return drift_; }
+
+ private:
+  [[nodiscard]] std::vector<const FeatureSet*> eligible() const;
+
+  PairMonitorSettings settings_;
+  Camera camera_;
+  std::unique_ptr<DepthEstimator> depth_;
+  RigidTransform T_camera_lidar_;
+  DriftMonitor drift_;
+  std::deque<FeatureSet> kept_;
+  std::optional<SceneThumbnail> last_scene_;
+};
+
+}  // namespace calib

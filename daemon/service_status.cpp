@@ -1,0 +1,96 @@
+#include <nlohmann/json.hpp>
+
+#include "journal.hpp"
+#include "message_ids.hpp"
+#include "service.hpp"
+#include "snapshot.hpp"
+#include "version.hpp"
+
+namespace calib {
+namespace {
+
+PairStatus::Input input(const std::string& topic, const std::optional<std::chrono::steady_clock::time_point>& last) {
+  PairStatus::Input shown{topic, std::nullopt};
+  if (last) shown.age_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - *last).count();
+  return shown;
+}
+
+}  // namespace
+
+PairStatus Service::status_of(const Watch& watch) const {
+  const PairState& state = watch.state;
+  PairStatus status;
+  status.name = watch.config->name;
+  status.verdict = state.verdict;
+  status.reason = state.reason;
+  status.since = state.since;
+  status.last_evaluated = state.last_evaluated;
+  status.evaluated = state.evaluated;
+  status.skipped = state.skipped;
+  status.score = state.score;
+  if (const auto estimate = watch.monitor.drift().misalignment())
+    status.misalignment = PairStatus::Misalignment{estimate->delta, estimate->sigma};
+  status.T_camera_lidar = watch.monitor.T_camera_lidar();
+  if (state.proposed_record)
+    if (const auto proposal = ledger_.find(status.name, *state.proposed_record))
+      status.proposed = PairStatus::Proposed{proposal->T_camera_lidar, proposal->sequence};
+  // Every record was verified when the ledger was opened, or signed by this very process.
+  const CalibrationRecord* record = ledger_.in_force(status.name);
+  status.record = PairStatus::Record{record->sequence, ledger_.key_id(), true, record->wall_time};
+  status.image = input(watch.topics.image, watch.image.last);
+  status.cloud = input(watch.topics.cloud, watch.cloud.last);
+  if (watch.topics.right_image) status.right_image = input(*watch.topics.right_image, watch.right_image.last);
+  if (watch.time_difference)
+    status.time_difference_ms = std::chrono::duration<double, std::milli>(*watch.time_difference).count();
+  return status;
+}
+
+void Service::publish_status() {
+  Status status;
+  status.vehicle = config_.vehicle;
+  status.running = true;
+  status.version = version;
+  status.uptime_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - started_).count();
+  for (const auto& watch : watches_) status.pairs.push_back(status_of(*watch));
+  status.feed_queued = ledger_.waiting_alert_count();
+  const auto written = write_snapshot(config_.runtime_dir / "status.json", status);
+  if (!written && failures_logged_.insert(written.error().code).second)
+    journal(4, message_ids::snapshot_failed, written.error().context + "; status is still answered on the control socket");
+  const std::lock_guard lock(mutex_);
+  status_ = std::move(status);
+}
+
+Status Service::status() const {
+  const std::lock_guard lock(mutex_);
+  Status status = status_;
+  status.uptime_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - started_).count();
+  return status;
+}
+
+void Service::publish_diagnostics() {
+  const auto time = std::chrono::steady_clock::now();
+  if (time < next_diagnostics_) return;
+  next_diagnostics_ = time + std::chrono::seconds(1);
+  const auto sent = bus_.publish_diagnostics(status(), now().wall);
+  if (!sent && failures_logged_.insert(sent.error().code).second)
+    journal(4, message_ids::bus_failed, sent.error().context + "; diagnostics are tried again every second");
+}
+
+/// All extrinsics that were computed: proposed ones, and those in force that are not the configuration's. Late readers get
+/// the last message only, so it holds them all.
+void Service::publish_extrinsics() {
+  std::vector<ProposedExtrinsic> extrinsics;
+  for (const auto& watch : watches_) {
+    const PairConfig& pair = *watch->config;
+    std::optional<RigidTransform> T;
+    if (ledger_.in_force(pair.name)->decision != Decision::initial) T = watch->monitor.T_camera_lidar();
+    if (watch->state.proposed_record)
+      if (const auto proposal = ledger_.find(pair.name, *watch->state.proposed_record)) T = proposal->T_camera_lidar;
+    if (T) extrinsics.push_back({pair.camera.frame_id, pair.lidar.frame_id, *T});
+  }
+  if (extrinsics.empty()) return;
+  if (const auto sent = bus_.publish_proposed(extrinsics, now().wall); !sent)
+    journal(4, message_ids::bus_failed, sent.error().context + "; the extrinsic is in `calibctl status` and the records");
+}
+
+}  // namespace calib
