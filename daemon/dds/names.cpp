@@ -29,9 +29,11 @@ Result<std::string> dds_topic_name(std::string_view topic) {
   constexpr std::string_view raw = "dds:";
   if (topic.starts_with(raw)) {
     topic.remove_prefix(raw.size());
-    const bool visible = std::ranges::all_of(topic, [](char c) { return c > ' ' && c <= '~'; });
-    if (topic.empty() || topic.size() > 255 || !visible)
-      return fail("bad_topic", "a raw topic name is dds: and 1 .. 255 visible ASCII characters");
+    const bool taken = std::ranges::all_of(
+        topic, [](char c) { return is_letter(c) || is_digit(c) || c == '_' || c == '/' || c == '-'; });
+    if (topic.empty() || topic.size() > 255 || !taken || is_digit(topic.front()))
+      return fail("bad_topic",
+                  "a raw topic name is dds: and 1 .. 255 letters, digits, _ / -, no digit first");
     return std::string(topic);
   }
   if (!is_ros_name(topic))
