@@ -8,8 +8,7 @@
 namespace calib {
 
 /// The DDS topic that carries a ROS topic: `/lidar/points` gives `rt/lidar/points`, `dds:NAME` gives NAME as
-/// it is. Fails with `bad_topic` when the name is not one that ROS 2 allows, or a raw name is not 1 .. 255
-/// visible characters.
+/// it is. Fails with `bad_topic` when the name is not one that ROS 2 (or, for a raw name, Cyclone) allows.
 [[nodiscard]] Result<std::string> dds_topic_name(std::string_view topic);
 
 /// Whether a topic carries CompressedImage, which ROS says by its last part.
