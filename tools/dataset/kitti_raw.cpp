@@ -14,7 +14,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// One calibration file: lines of `key: numbers`. Lines whose value is not a list of numbers (calib_time) hold none.
+/// One calibration file: lines of `key: numbers`. Lines whose value is not a list of numbers (calib_time)
+/// hold none.
 class CalibrationFile {
  public:
   static Result<CalibrationFile> read(const fs::path& path) {
@@ -62,7 +63,8 @@ Result<std::vector<std::string>> frame_names(const fs::path& folder, const std::
   std::vector<std::string> names;
   for (const auto& entry : fs::directory_iterator(folder, error))
     if (entry.path().extension() == extension) names.push_back(entry.path().stem().string());
-  if (error || names.empty()) return fail("drive_not_found", folder.string() + " holds no " + extension + " files");
+  if (error || names.empty())
+    return fail("drive_not_found", folder.string() + " holds no " + extension + " files");
   std::ranges::sort(names);
   return names;
 }
@@ -77,7 +79,8 @@ Result<Image> read_image(const fs::path& path, const Camera& camera) {
   if (grey.cols != camera.width() || grey.rows != camera.height())
     return fail("image_unreadable", path.string() + " is " + std::to_string(grey.cols) + " x " +
                                         std::to_string(grey.rows) + " pixels, its calibration says " +
-                                        std::to_string(camera.width()) + " x " + std::to_string(camera.height()));
+                                        std::to_string(camera.width()) + " x " +
+                                        std::to_string(camera.height()));
   return Image{{}, grey.cols, grey.rows, {grey.begin<std::uint8_t>(), grey.end<std::uint8_t>()}};
 }
 
@@ -91,7 +94,8 @@ Result<LidarScan> read_scan(const fs::path& path) {
   for (std::size_t i = 0; i < bytes.size(); i += bytes_per_point) {
     LidarPoint point;
     std::memcpy(&point, bytes.data() + i, bytes_per_point);
-    if (!(std::hypot(point.x_m, point.y_m, point.z_m) <= 500.f)) continue;  // written so that NaN is left out too
+    if (!(std::hypot(point.x_m, point.y_m, point.z_m) <= 500.f))
+      continue;  // written so that NaN is left out too
     scan.points.push_back(point);
   }
   if (scan.points.empty()) return fail("cloud_unreadable", path.string() + " is missing or holds no point");
@@ -131,14 +135,16 @@ Result<KittiRawDrive> KittiRawDrive::open(const fs::path& folder) {
   }
   if (!t_camera0_lidar) return tl::unexpected(t_camera0_lidar.error());
 
-  auto camera = Camera::make(CameraModel::rectified, static_cast<int>((*size)(0)), static_cast<int>((*size)(1)),
-                             {(*P_left)(0, 0), (*P_left)(1, 1), (*P_left)(0, 2), (*P_left)(1, 2)});
+  auto camera =
+      Camera::make(CameraModel::rectified, static_cast<int>((*size)(0)), static_cast<int>((*size)(1)),
+                   {(*P_left)(0, 0), (*P_left)(1, 1), (*P_left)(0, 2), (*P_left)(1, 2)});
   if (!camera) return tl::unexpected(camera.error());
 
   KittiRawDrive result(drive, *std::move(camera));
   const Eigen::Vector3d t_left = projection_translation(*P_left);
   result.baseline_m_ = (t_left - projection_translation(*P_right)).x();
-  if (!(result.baseline_m_ > 0)) return fail("calibration_malformed", "image_03 is not to the right of image_02");
+  if (!(result.baseline_m_ > 0))
+    return fail("calibration_malformed", "image_03 is not to the right of image_02");
 
   RigidTransform T_camera0_lidar = RigidTransform::Identity();
   T_camera0_lidar.linear() = nearest_rotation(*R_camera0_lidar);

@@ -1,0 +1,42 @@
+#include <CLI/CLI.hpp>
+#include <iostream>
+
+#include "vehicle/play.hpp"
+
+int main(int argc, char** argv) {
+  using namespace calib;
+  vehicle::Simulation simulation;
+  vehicle::PlayOptions options;
+  CLI::App app(
+      "A simulated vehicle with a stereo camera and a LiDAR drives through a street and publishes what they "
+      "see.");
+  app.add_option("--seed", simulation.seed, "which street")->capture_default_str();
+  app.add_option("--width", simulation.width, "of the images, pixels")
+      ->check(CLI::Range(160, 4096))
+      ->capture_default_str();
+  app.add_option("--height", simulation.height, "of the images, pixels")
+      ->check(CLI::Range(64, 4096))
+      ->capture_default_str();
+  app.add_flag("--dark", simulation.dark, "night: the cameras see next to nothing");
+  app.add_option("--lidar-dropout", simulation.lidar.dropout, "share of returns that get lost")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  app.add_option("--lidar-step-deg", simulation.lidar.azimuth_step_deg, "azimuth between two columns")
+      ->check(CLI::Range(0.05, 5.0))
+      ->capture_default_str();
+  app.add_option("--lidar-fov-deg", simulation.lidar.field_of_view_deg, "azimuth covered, centred ahead")
+      ->check(CLI::Range(10.0, 360.0))
+      ->capture_default_str();
+  vehicle::add_play_options(app, options);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  }
+  const auto simulated = vehicle::simulated_vehicle(simulation);
+  if (!simulated) {
+    std::cerr << simulated.error().code << ": " << simulated.error().context << '\n';
+    return 2;
+  }
+  return vehicle::play(*simulated, options);
+}

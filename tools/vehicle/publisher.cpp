@@ -1,0 +1,182 @@
+#include "vehicle/publisher.hpp"
+
+#include <dds/dds.h>
+
+#include <algorithm>
+#include <array>
+#include <memory>
+#include <utility>
+
+#include "ros2.h"
+
+namespace calib::vehicle {
+namespace {
+
+constexpr const char* image_hash = "d31d41a9a4c4bc8eae9be757b0beed306564f7526c88ea6a4588fb9582527d47";
+constexpr const char* camera_info_hash = "b3dfd68ff46c9d56c80fd3bd4ed22c7a4ddce8c8348f2f59c299e73118e7e275";
+constexpr const char* point_cloud_hash = "9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5";
+
+tl::unexpected<Error> dds_failed(const std::string& what, dds_return_t code) {
+  return fail("dds_failed", what + ": " + dds_strretcode(code));
+}
+
+std_msgs_msg_dds__Header_ header(Timestamp stamp, const char* frame) {
+  return {{static_cast<std::int32_t>(stamp.count() / 1'000'000'000),
+           static_cast<std::uint32_t>(stamp.count() % 1'000'000'000)},
+          const_cast<char*>(frame)};
+}
+
+/// A sequence that refers to bytes that stay where they are while the sample is written.
+template <typename Sequence>
+Sequence borrowed(const void* bytes, std::size_t size) {
+  Sequence sequence{};
+  sequence._maximum = sequence._length = static_cast<std::uint32_t>(size);
+  sequence._buffer = static_cast<decltype(sequence._buffer)>(const_cast<void*>(bytes));
+  return sequence;
+}
+
+Result<int> open_writer(dds_entity_t participant, const dds_topic_descriptor_t& type,
+                        const std::string& ros_name, const std::string& type_hash, bool best_effort) {
+  if (ros_name.size() < 2 || ros_name[0] != '/')
+    return fail("dds_failed", "a ROS topic name begins with a slash: " + ros_name);
+  const std::unique_ptr<dds_qos_t, decltype(&dds_delete_qos)> qos(dds_create_qos(), &dds_delete_qos);
+  dds_qset_reliability(qos.get(), best_effort ? DDS_RELIABILITY_BEST_EFFORT : DDS_RELIABILITY_RELIABLE,
+                       DDS_MSECS(100));
+  dds_qset_durability(qos.get(), DDS_DURABILITY_VOLATILE);
+  dds_qset_history(qos.get(), DDS_HISTORY_KEEP_LAST, 5);
+  const dds_data_representation_id_t xcdr1 = DDS_DATA_REPRESENTATION_XCDR1;
+  dds_qset_data_representation(qos.get(), 1, &xcdr1);
+  const std::string user_data = "typehash=RIHS01_" + type_hash + ";";
+  dds_qset_userdata(qos.get(), user_data.data(), user_data.size());
+
+  const dds_entity_t topic =
+      dds_create_topic(participant, &type, ("rt" + ros_name).c_str(), qos.get(), nullptr);
+  if (topic < 0) return dds_failed("topic " + ros_name, topic);
+  const dds_entity_t writer = dds_create_writer(participant, topic, qos.get(), nullptr);
+  if (writer < 0) return dds_failed("writer of " + ros_name, writer);
+  return writer;
+}
+
+Result<void> write(int writer, const void* sample) {
+  // A slow reliable reader costs it samples, as it would on a vehicle; the drive goes on.
+  if (const dds_return_t code = dds_write(writer, sample); code < 0 && code != DDS_RETCODE_TIMEOUT)
+    return dds_failed("write", code);
+  return {};
+}
+
+Result<void> publish_image(int writer, const Image& image, const char* frame) {
+  sensor_msgs_msg_dds__Image_ message{};
+  message.header = header(image.stamp, frame);
+  message.height = static_cast<std::uint32_t>(image.height);
+  message.width = message.step = static_cast<std::uint32_t>(image.width);
+  message.encoding = const_cast<char*>("mono8");
+  message.data = borrowed<decltype(message.data)>(image.pixels.data(), image.pixels.size());
+  return write(writer, &message);
+}
+
+}  // namespace
+
+Result<Publisher> Publisher::open(const PublisherOptions& options, const Camera& camera, double baseline_m) {
+  const bool plain = std::ranges::all_of(options.interface, [](char c) {
+    return std::isalnum(static_cast<unsigned char>(c)) ||
+           std::string_view("._:-@").find(c) != std::string_view::npos;
+  });
+  if (options.interface.empty() || !plain)
+    return fail("dds_failed", "not a network interface: " + options.interface);
+  const std::string configuration = "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name=\"" +
+                                    options.interface +
+                                    "\" multicast=\"true\"/></Interfaces></General></Domain></CycloneDDS>";
+  Publisher publisher(camera, baseline_m);
+  const dds_entity_t domain =
+      dds_create_domain(static_cast<dds_domainid_t>(options.domain), configuration.c_str());
+  if (domain < 0)
+    return dds_failed("domain " + std::to_string(options.domain) + " on " + options.interface, domain);
+  publisher.domain_ = domain;
+  const dds_entity_t participant =
+      dds_create_participant(static_cast<dds_domainid_t>(options.domain), nullptr, nullptr);
+  if (participant < 0) return dds_failed("participant on " + options.interface, participant);
+
+  struct Wanted {
+    int& writer;
+    const dds_topic_descriptor_t& type;
+    const std::string& name;
+    const char* hash;
+  };
+  const Topics& topics = options.topics;
+  for (const Wanted& wanted :
+       {Wanted{publisher.left_, sensor_msgs_msg_dds__Image__desc, topics.left_image, image_hash},
+        Wanted{publisher.right_, sensor_msgs_msg_dds__Image__desc, topics.right_image, image_hash},
+        Wanted{publisher.left_info_, sensor_msgs_msg_dds__CameraInfo__desc, topics.left_info,
+               camera_info_hash},
+        Wanted{publisher.right_info_, sensor_msgs_msg_dds__CameraInfo__desc, topics.right_info,
+               camera_info_hash},
+        Wanted{publisher.cloud_, sensor_msgs_msg_dds__PointCloud2__desc, topics.cloud, point_cloud_hash}}) {
+    const auto writer = open_writer(participant, wanted.type, wanted.name, wanted.hash, options.best_effort);
+    if (!writer) return tl::unexpected(writer.error());
+    wanted.writer = *writer;
+  }
+  return publisher;
+}
+
+Publisher::Publisher(Publisher&& other) noexcept
+    : domain_(std::exchange(other.domain_, 0)),
+      left_(other.left_),
+      right_(other.right_),
+      left_info_(other.left_info_),
+      right_info_(other.right_info_),
+      cloud_(other.cloud_),
+      camera_(std::move(other.camera_)),
+      baseline_m_(other.baseline_m_) {}
+
+Publisher::~Publisher() {
+  if (domain_ != 0) dds_delete(domain_);
+}
+
+Result<void> Publisher::publish(const Image& left, const Image& right) {
+  if (const auto info = publish_info(left_info_, left.stamp, 0); !info) return info;
+  if (const auto info = publish_info(right_info_, right.stamp, baseline_m_); !info) return info;
+  if (const auto image = publish_image(left_, left, "camera_left"); !image) return image;
+  return publish_image(right_, right, "camera_right");
+}
+
+Result<void> Publisher::publish_info(int writer, Timestamp stamp, double baseline_m) {
+  sensor_msgs_msg_dds__CameraInfo_ message{};
+  // By convention both cameras of a rectified pair are expressed in the left one's frame.
+  message.header = header(stamp, "camera_left");
+  message.height = static_cast<std::uint32_t>(camera_.height());
+  message.width = static_cast<std::uint32_t>(camera_.width());
+  message.distortion_model = const_cast<char*>("plumb_bob");
+  const std::array<double, 5> no_distortion{};
+  message.d = borrowed<decltype(message.d)>(no_distortion.data(), no_distortion.size());
+  message.k[0] = message.p[0] = camera_.fx();
+  message.k[2] = message.p[2] = camera_.cx();
+  message.k[4] = message.p[5] = camera_.fy();
+  message.k[5] = message.p[6] = camera_.cy();
+  message.k[8] = message.p[10] = 1;
+  message.r[0] = message.r[4] = message.r[8] = 1;
+  message.p[3] = -camera_.fx() * baseline_m;
+  return write(writer, &message);
+}
+
+Result<void> Publisher::publish(const LidarScan& scan) {
+  constexpr std::uint8_t float32 = 7;
+  static_assert(sizeof(LidarPoint) == 16);
+  const auto field = [](const char* name, std::uint32_t offset) {
+    return sensor_msgs_msg_dds__PointField_{const_cast<char*>(name), offset, float32, 1};
+  };
+  const std::array<sensor_msgs_msg_dds__PointField_, 4> fields{field("x", 0), field("y", 4), field("z", 8),
+                                                               field("intensity", 12)};
+  sensor_msgs_msg_dds__PointCloud2_ message{};
+  message.header = header(scan.stamp, "lidar");
+  message.height = 1;
+  message.width = static_cast<std::uint32_t>(scan.points.size());
+  message.fields = borrowed<decltype(message.fields)>(fields.data(), fields.size());
+  message.point_step = sizeof(LidarPoint);
+  message.row_step = message.width * message.point_step;
+  message.data =
+      borrowed<decltype(message.data)>(scan.points.data(), scan.points.size() * sizeof(LidarPoint));
+  message.is_dense = true;
+  return write(cloud_, &message);
+}
+
+}  // namespace calib::vehicle

@@ -1,0 +1,37 @@
+#pragma once
+
+#include <functional>
+
+#include "calib/camera.hpp"
+#include "calib/frame.hpp"
+#include "calib/geometry.hpp"
+#include "dataset/kitti_raw.hpp"
+#include "vehicle/lidar.hpp"
+
+namespace calib::vehicle {
+
+/// A vehicle with a stereo camera and a LiDAR, simulated or recorded.
+struct Vehicle {
+  Camera camera;  // of both images
+  double baseline_m = 0;
+  RigidTransform T_camera_lidar;  // before the LiDAR moves
+  /// What the sensors see in frame `index`, `t_s` after the start, by a LiDAR that has moved by `motion` in
+  /// its own frame. Stamps are not set.
+  std::function<Result<FramePair>(std::size_t index, double t_s, const RigidTransform& motion)> frame;
+};
+
+struct Simulation {
+  std::uint64_t seed = 1;
+  int width = 960, height = 288;
+  bool dark = false;  // night without lights: the cameras see next to nothing, the LiDAR as much as ever
+  LidarModel lidar;
+};
+
+/// Drives through the endless street of a seed. A frame depends on the simulation, its index and its time
+/// alone.
+[[nodiscard]] Result<Vehicle> simulated_vehicle(const Simulation& simulation);
+
+/// Drives as recorded, from the beginning again after the last frame.
+[[nodiscard]] Vehicle recorded_vehicle(KittiRawDrive drive);
+
+}  // namespace calib::vehicle
