@@ -1,0 +1,98 @@
+#include "control_client.hpp"
+
+#include <poll.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <utility>
+
+namespace calib::ctl {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+constexpr std::size_t max_reply_bytes = 4 * 1024 * 1024;
+
+struct FileDescriptor {
+  int number = -1;
+  explicit FileDescriptor(int fd) : number(fd) {}
+  FileDescriptor(FileDescriptor&& other) noexcept : number(std::exchange(other.number, -1)) {}
+  FileDescriptor& operator=(FileDescriptor&&) = delete;
+  ~FileDescriptor() {
+    if (number >= 0) ::close(number);
+  }
+};
+
+Result<FileDescriptor> connect_to(const std::filesystem::path& path) {
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  if (path.native().size() >= sizeof address.sun_path)
+    return fail("bad_socket", path.string() + " is too long for the name of a socket");
+  std::memcpy(address.sun_path, path.c_str(), path.native().size());
+  FileDescriptor socket(::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0));
+  if (::connect(socket.number, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0) return socket;
+  const std::string why = path.string() + ": " + std::strerror(errno);
+  if (errno == ENOENT || errno == ECONNREFUSED || errno == ENOTDIR)
+    return fail("daemon_not_running", "calibd does not run: " + why);
+  return fail(errno == EACCES ? "denied" : "failed", "calibd cannot be asked: " + why);
+}
+
+bool send_all(int socket, std::string_view line) {
+  while (!line.empty()) {
+    const ssize_t sent = ::send(socket, line.data(), line.size(), MSG_NOSIGNAL);
+    if (sent < 0 && errno != EINTR) return false;
+    if (sent > 0) line.remove_prefix(static_cast<std::size_t>(sent));
+  }
+  return true;
+}
+
+/// The reply without its newline.
+Result<std::string> receive_line(int socket, std::chrono::seconds patience,
+                                 const std::function<void(std::chrono::seconds)>& waiting) {
+  const auto start = Clock::now();
+  std::string line;
+  std::array<char, 65536> buffer;
+  for (;;) {
+    pollfd readable{socket, POLLIN, 0};
+    const int ready = ::poll(&readable, 1, 1000);
+    const auto waited = std::chrono::duration_cast<std::chrono::seconds>(Clock::now() - start);
+    if (ready == 0) {
+      waiting(waited);
+      if (waited >= patience)
+        return fail("no_answer", "calibd has not answered for " + std::to_string(waited.count()) + " s");
+    }
+    if (ready <= 0) continue;
+    const ssize_t received = ::read(socket, buffer.data(), buffer.size());
+    if (received < 0 && errno == EINTR) continue;
+    if (received <= 0) return fail("malformed_reply", "calibd closed the connection without a whole answer");
+    line.append(buffer.data(), static_cast<std::size_t>(received));
+    if (const auto end = line.find('\n'); end != std::string::npos) return line.substr(0, end);
+    if (line.size() > max_reply_bytes) return fail("malformed_reply", "the answer is longer than 4 MiB");
+  }
+}
+
+}  // namespace
+
+Result<nlohmann::json> ask(const std::filesystem::path& path, const nlohmann::json& question,
+                           std::chrono::seconds patience,
+                           const std::function<void(std::chrono::seconds)>& waiting) {
+  const auto socket = connect_to(path);
+  if (!socket) return tl::unexpected(socket.error());
+  if (!send_all(socket->number, question.dump() + '\n'))
+    return fail("no_answer", std::string("calibd hung up: ") + std::strerror(errno));
+  const auto line = receive_line(socket->number, patience, waiting);
+  if (!line) return tl::unexpected(line.error());
+  nlohmann::json reply = nlohmann::json::parse(*line, nullptr, /*allow_exceptions=*/false);
+  if (!reply.is_object() || !reply.contains("ok") || !reply["ok"].is_boolean())
+    return fail("malformed_reply", "the answer is not an object with \"ok\"");
+  if (reply["ok"].get<bool>()) return reply;
+  if (!reply.contains("code") || !reply["code"].is_string() || !reply.contains("message") ||
+      !reply["message"].is_string())
+    return fail("malformed_reply", "calibd refused without saying why");
+  return fail(reply["code"].get<std::string>(), reply["message"].get<std::string>());
+}
+
+}  // namespace calib::ctl

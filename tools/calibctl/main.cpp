@@ -1,0 +1,124 @@
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstdlib>
+#include <functional>
+#include <iostream>
+
+#include "commands.hpp"
+
+namespace calib::ctl {
+
+Exit exit_for(const Error& error) {
+  const auto is_one_of = [&](std::initializer_list<std::string_view> codes) {
+    return std::ranges::find(codes, error.code) != codes.end();
+  };
+  if (is_one_of({"daemon_not_running", "not_found", "store_not_found", "key_not_found", "record_not_found"}))
+    return Exit::not_found;
+  if (is_one_of({"bad_signature", "wrong_key", "broken_chain", "malformed_record"})) return Exit::no;
+  if (is_one_of({"bad_request", "bad_name"})) return Exit::usage;
+  return Exit::failed;
+}
+
+Exit complain(const Error& error) {
+  std::cout << std::flush;
+  std::cerr << "calibctl: " << escape_control(error.context) << '\n';
+  return exit_for(error);
+}
+
+namespace {
+
+Places default_places() {
+  const char* const runtime = std::getenv("RUNTIME_DIRECTORY");
+  const std::string folder = runtime != nullptr && *runtime != '\0' ? runtime : "/run/calibd";
+  // systemd separates several folders with colons; the first is calibd's.
+  return {std::filesystem::path(folder.substr(0, folder.find(':'))) / "control.sock", "/var/lib/calibd",
+          "/etc/calibd/signing.pub"};
+}
+
+/// Everything that the command line can say.
+struct CommandLine {
+  CLI::App app{"Asks, shows and verifies what calibd does about a vehicle's extrinsics", "calibctl"};
+  Places places = default_places();
+  StatusOptions status;
+  ShowOptions show;
+  std::string pair;
+  bool dry_run = false;
+  std::optional<std::uint64_t> roll_back_to;
+  std::vector<std::filesystem::path> files;
+  std::filesystem::path config_file, key_file;
+  std::function<Exit()> command;
+
+  CommandLine();
+
+ private:
+  CLI::App* subcommand(const std::string& name, const std::string& what, std::function<Exit()> run) {
+    CLI::App* const added = app.add_subcommand(name, what)->fallthrough();
+    added->callback([this, run = std::move(run)] { command = run; });
+    return added;
+  }
+  void add_records();
+  void add_requests();
+};
+
+CommandLine::CommandLine() {
+  app.require_subcommand(1);
+  app.set_version_flag("--version", "calibctl " CALIBD_VERSION);
+  app.add_option("--socket", places.socket, "Control socket of calibd; status.json lies beside it")->capture_default_str();
+  app.add_option("--state-dir", places.state_dir, "Folder of calibd.db")->capture_default_str();
+  app.add_option("--public-key", places.public_key, "Key that records are verified with")->capture_default_str();
+
+  auto* const ask_status = subcommand("status", "Show what calibd finds now", [this] { return ctl::status(places, status); });
+  ask_status->add_flag("--json", status.json, "In the form of status.schema.json");
+  ask_status->add_flag("--watch", status.watch, "Again every second, until interrupted");
+  ask_status->add_flag("--exit-code", status.exit_code, "Exit with 4 unless every pair is calibrated");
+  add_records();
+  add_requests();
+
+  auto* const check = subcommand("check-config", "Let calibd read a configuration and say what is wrong with it",
+                                 [this] { return check_config(config_file); });
+  check->add_option("FILE", config_file)->required();
+  auto* const make_key = subcommand("keygen", "Make a signing key and its public key", [this] { return keygen(key_file); });
+  make_key->add_option("--out", key_file, "Secret key; the public key gets the extension .pub")->required();
+}
+
+void CommandLine::add_records() {
+  auto* const list = subcommand("history", "List the records, each verified", [this] { return history(places, pair); });
+  list->add_option("PAIR", pair);
+  auto* const one = subcommand("show", "Show a verified record, the last one if no number is given",
+                               [this] { return ctl::show(places, show); });
+  one->add_option("SEQ", show.sequence);
+  one->add_flag("--json", show.json, "In the form of record.schema.json");
+  one->add_option("--export", show.export_to, "Write NNNNNN.json and NNNNNN.json.minisig into this folder");
+  auto* const check = subcommand("verify", "Verify the whole chain of the store, or exported records",
+                                 [this] { return verify(places, files); });
+  check->add_option("FILES", files);
+}
+
+void CommandLine::add_requests() {
+  auto* const again = subcommand("recalibrate", "Recalibrate a pair now, from its last good frames",
+                                 [this] { return recalibrate(places, pair, dry_run); });
+  again->add_option("PAIR", pair)->required();
+  again->add_flag("--dry-run", dry_run, "Decide, and change nothing");
+  auto* const yes = subcommand("accept", "Put a pair's proposed extrinsic in force", [this] { return accept(places, pair); });
+  yes->add_option("PAIR", pair)->required();
+  auto* const back = subcommand("rollback", "Put an earlier extrinsic of a pair in force again",
+                                [this] { return roll_back(places, pair, roll_back_to); });
+  back->add_option("PAIR", pair)->required();
+  back->add_option("--to", roll_back_to, "Record whose extrinsic it is; the one before the present one if not given");
+}
+
+}  // namespace
+}  // namespace calib::ctl
+
+int main(int argc, char** argv) {
+  calib::ctl::CommandLine line;
+  try {
+    line.app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return line.app.exit(error) == 0 ? 0 : static_cast<int>(calib::ctl::Exit::usage);
+  }
+  const auto exit = line.command();
+  std::cout << std::flush;
+  // A full disk or a closed pipe must not look like success.
+  return static_cast<int>(std::cout ? exit : calib::ctl::Exit::failed);
+}

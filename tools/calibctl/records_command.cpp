@@ -1,0 +1,201 @@
+#include <algorithm>
+#include <fstream>
+#include <iostream>
+#include <nlohmann/json.hpp>
+
+#include "calib/store.hpp"
+#include "commands.hpp"
+#include "text.hpp"
+
+namespace calib::ctl {
+namespace {
+
+struct VerifiedRecord {
+  CalibrationRecord record;
+  SignedRecord bytes;
+};
+
+/// The records of the store up to the first that does not verify, and what is wrong with that one.
+struct Chain {
+  PublicKey key;
+  std::vector<VerifiedRecord> verified;
+  std::uint64_t stored = 0;
+  std::optional<Error> broken;
+};
+
+Result<Chain> read_chain(const Places& places) {
+  const auto store = Store::open(places.store(), Store::Mode::read_only);
+  if (!store) return tl::unexpected(store.error());
+  const auto key = load_public_key(places.public_key);
+  if (!key) return tl::unexpected(key.error());
+  const auto stored = store->record_count();
+  if (!stored) return tl::unexpected(stored.error());
+  Chain chain{*key, {}, *stored, std::nullopt};
+  const auto all = visit_verified(*store, *key, [&](const CalibrationRecord& record, const SignedRecord& bytes) {
+    chain.verified.push_back({record, bytes});
+  });
+  if (!all && all.error().code == "store_failed") return tl::unexpected(all.error());
+  if (!all) chain.broken = all.error();
+  if (chain.stored == 0) return fail("record_not_found", "the store holds no records yet");
+  return chain;
+}
+
+RigidTransform change(const CalibrationRecord& record) {
+  return record.T_camera_lidar_before.inverse() * record.T_camera_lidar;
+}
+
+std::string history_line(const CalibrationRecord& record) {
+  std::string number = std::to_string(record.sequence);
+  if (number.size() < 6) number.insert(0, 6 - number.size(), ' ');
+  return number + "  " + rfc3339(record.wall_time) + "  " + record.pair + "  " + std::string(to_string(record.decision)) +
+         ", changed by " + how_far(change(record)) + ", asked by " + record.asked_by + ": " + record.reason;
+}
+
+std::string score_words(double before, double after) {
+  return decimals(before, 5) + " before, " + decimals(after, 5) + " after";
+}
+
+std::string record_text(const CalibrationRecord& record, const PublicKey& key) {
+  Text text(false);
+  text.line("Record", std::to_string(record.sequence) + ", verified, key " + key.id_text());
+  text.line("Vehicle", record.vehicle);
+  text.line("Pair", record.pair);
+  text.line("Decision", to_string(record.decision));
+  text.line("Reason", record.reason);
+  text.line("Asked by", record.asked_by);
+  text.line("Decided", rfc3339(record.wall_time));
+  text.line("", decimals(std::chrono::duration<double>(record.boot_time).count(), 3) + " s after boot " + record.boot_id);
+  text.transform("Extrinsic", record.T_camera_lidar);
+  text.transform("Before", record.T_camera_lidar_before);
+  text.line("Change", how_far(change(record)));
+  const Vector6 moved = perturbation_parameters(change(record));
+  text.motion(moved, record.sigma ? &*record.sigma : nullptr);
+  if (record.score) {
+    text.line("Score", score_words(record.score->before, record.score->after));
+    text.line("Held back", score_words(record.score->held_back_before, record.score->held_back_after));
+  }
+  text.line("Frames", std::to_string(record.frame_stamps_ns.size()));
+  text.line("Software", record.software_version + ", SHA-256 " + record.software_sha256);
+  text.line("Configuration", "SHA-256 " + record.configuration_sha256);
+  text.line("Record before", "SHA-256 " + record.previous_sha256);
+  return text.str();
+}
+
+Result<void> write_new(const std::filesystem::path& file, std::string_view bytes) {
+  if (std::filesystem::exists(file)) return fail("file_exists", file.string() + " exists and is kept");
+  std::ofstream out(file, std::ios::binary);
+  out << bytes << std::flush;
+  if (!out) return fail("export_failed", file.string() + " cannot be written");
+  return {};
+}
+
+Result<void> export_record(const VerifiedRecord& shown, const std::filesystem::path& folder) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error) return fail("export_failed", folder.string() + ": " + error.message());
+  const std::filesystem::path file = folder / record_file_name(shown.record.sequence);
+  if (const auto written = write_new(file, shown.bytes.canonical); !written) return written;
+  return write_new(file.string() + ".minisig", shown.bytes.signature);
+}
+
+Result<std::string> read_text_file(const std::filesystem::path& file) {
+  constexpr std::streamsize largest = 2 << 20;
+  std::ifstream in(file, std::ios::binary);
+  if (!in) return fail("not_found", file.string() + " cannot be read");
+  std::string text(largest, '\0');
+  in.read(text.data(), largest);
+  text.resize(static_cast<std::size_t>(in.gcount()));
+  return text;
+}
+
+/// A record that its signature vouches for; its place in the chain is not looked at.
+Result<VerifiedRecord> read_exported(const std::filesystem::path& file, const PublicKey& key) {
+  const auto canonical = read_text_file(file);
+  if (!canonical) return tl::unexpected(canonical.error());
+  const auto signature = read_text_file(file.string() + ".minisig");
+  if (!signature) return tl::unexpected(signature.error());
+  const auto record = verify_signature(*canonical, *signature, key).and_then([&] { return parse_record(*canonical); });
+  if (!record) return fail(record.error().code, file.string() + " does not verify: " + record.error().context);
+  return VerifiedRecord{*record, {*canonical, *signature}};
+}
+
+Exit verify_files(const std::vector<std::filesystem::path>& files, const PublicKey& key) {
+  std::vector<VerifiedRecord> records;
+  for (const auto& file : files) {
+    if (file.extension() == ".minisig") continue;  // looked up beside its record
+    auto record = read_exported(file, key);
+    if (!record) return complain(record.error());
+    records.push_back(std::move(*record));
+  }
+  if (records.empty()) return complain({"bad_request", "name at least one exported record, NNNNNN.json"});
+  std::ranges::sort(records, {}, [](const VerifiedRecord& record) { return record.record.sequence; });
+  std::uint64_t links = 0;
+  for (std::size_t i = 1; i < records.size(); ++i) {
+    const VerifiedRecord &before = records[i - 1], &after = records[i];
+    const std::string numbers =
+        std::to_string(before.record.sequence) + " and " + std::to_string(after.record.sequence);
+    if (before.record.sequence == after.record.sequence && before.bytes.canonical != after.bytes.canonical)
+      return complain({"broken_chain", "two different records have the number " + numbers});
+    if (before.record.sequence + 1 != after.record.sequence) continue;
+    if (after.record.previous_sha256 != sha256_hex(before.bytes.canonical))
+      return complain({"broken_chain", "records " + numbers + " are signed, but do not follow each other"});
+    ++links;
+  }
+  std::cout << counted(records.size(), "record") << " verified, key " << key.id_text() << "; "
+            << counted(links, "link") << " between them checked"
+            << (links + 1 < records.size() ? ", the others are not among these files" : "") << '\n';
+  return Exit::done;
+}
+
+}  // namespace
+
+Exit history(const Places& places, const std::string& pair) {
+  const auto chain = read_chain(places);
+  if (!chain) return complain(chain.error());
+  bool any = false;
+  for (const VerifiedRecord& item : chain->verified) {
+    if (!pair.empty() && item.record.pair != pair) continue;
+    std::cout << escape_control(history_line(item.record)) << '\n';
+    any = true;
+  }
+  if (chain->broken) {
+    std::cout << std::flush;
+    const Exit exit = complain(*chain->broken);
+    std::cerr << "calibctl: " << counted(chain->stored - chain->verified.size(), "record")
+              << " from there on not shown\n";
+    return exit;
+  }
+  return any ? Exit::done : complain({"record_not_found", "there is no record of a pair '" + pair + "'"});
+}
+
+Exit show(const Places& places, const ShowOptions& options) {
+  const auto chain = read_chain(places);
+  if (!chain) return complain(chain.error());
+  const std::uint64_t sequence = options.sequence.value_or(chain->stored);
+  if (sequence == 0 || sequence > chain->stored)
+    return complain({"record_not_found", "the store holds records 1 to " + std::to_string(chain->stored)});
+  if (sequence > chain->verified.size()) return complain(*chain->broken);
+  const VerifiedRecord& shown = chain->verified[sequence - 1];
+  if (!options.export_to.empty()) {
+    if (const auto exported = export_record(shown, options.export_to); !exported) return complain(exported.error());
+  }
+  if (options.json)
+    std::cout << nlohmann::json::parse(shown.bytes.canonical).dump(2, ' ', /*ensure_ascii=*/true) << '\n';
+  else
+    std::cout << record_text(shown.record, chain->key);
+  return Exit::done;
+}
+
+Exit verify(const Places& places, const std::vector<std::filesystem::path>& files) {
+  if (!files.empty()) {
+    const auto key = load_public_key(places.public_key);
+    return key ? verify_files(files, *key) : complain(key.error());
+  }
+  const auto chain = read_chain(places);
+  if (!chain) return complain(chain.error());
+  if (chain->broken) return complain(*chain->broken);
+  std::cout << counted(chain->stored, "record") << " verified, key " << chain->key.id_text() << "; chain unbroken\n";
+  return Exit::done;
+}
+
+}  // namespace calib::ctl

@@ -1,0 +1,89 @@
+#include <unistd.h>
+
+#include <iostream>
+
+#include "commands.hpp"
+#include "control_client.hpp"
+#include "text.hpp"
+
+namespace calib::ctl {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::chrono::minutes recalibration_patience{10};
+
+void show_waiting(std::chrono::seconds waited) {
+  if (::isatty(STDERR_FILENO) == 1) std::cerr << "\rwaiting for calibd, " << waited.count() << " s " << std::flush;
+}
+
+void clear_waiting() {
+  if (::isatty(STDERR_FILENO) == 1) std::cerr << "\r\x1b[K" << std::flush;
+}
+
+std::string score_words(const json& score, const char* before, const char* after) {
+  return decimals(score.at(before).get<double>(), 5) + " before, " + decimals(score.at(after).get<double>(), 5) + " after";
+}
+
+void result_lines(Text& text, const json& result) {
+  const json& change = result.at("change");
+  Vector6 moved;
+  for (int i = 0; i < 3; ++i) {
+    moved[i] = change.at("rotation_deg").at(i).get<double>() * radians_per_degree;
+    moved[i + 3] = change.at("translation_cm").at(i).get<double>() / 100;
+  }
+  text.line("LiDAR has moved", "");
+  text.motion(moved, nullptr);
+  if (!result.contains("score")) return;
+  text.line("Score", score_words(result.at("score"), "before", "after"));
+  text.line("Held back", score_words(result.at("score"), "held_back_before", "held_back_after"));
+}
+
+/// Shows the answer; returns whether it is a yes.
+Result<bool> show_answer(const json& reply, const std::string& pair) {
+  try {
+    const std::string answer = reply.at("answer").get<std::string>();
+    const bool dry_run = answer == "dry_run";
+    const std::string verdict = dry_run ? reply.at("would").get<std::string>() : answer;
+    Text text(terminal_has_colours());
+    text.line("Pair", pair);
+    text.line("Answer", dry_run ? "would be " + verdict + " (dry run, nothing was changed)"
+                                : verdict == "rolled_back" ? "rolled back" : verdict,
+              verdict == "rejected" ? Colour::yellow : Colour::green);
+    text.line("Reason", reply.at("reason").get<std::string>());
+    if (const json& record = reply.at("record"); !record.is_null())
+      text.line("Record", std::to_string(record.get<std::uint64_t>()));
+    if (reply.contains("result")) result_lines(text, reply.at("result"));
+    std::cout << text.str();
+    return verdict != "rejected";
+  } catch (const json::exception& error) {
+    return fail("malformed_reply", std::string("calibd answered in a form that is not understood: ") + error.what());
+  }
+}
+
+Exit request(const Places& places, const std::string& pair, json question) {
+  question["schema"] = 1;
+  question["pair"] = pair;
+  const auto reply = ask(places.socket, question, recalibration_patience, show_waiting);
+  clear_waiting();
+  if (!reply) return complain(reply.error());
+  const auto yes = show_answer(*reply, pair);
+  if (!yes) return complain(yes.error());
+  return *yes ? Exit::done : Exit::no;
+}
+
+}  // namespace
+
+Exit recalibrate(const Places& places, const std::string& pair, bool dry_run) {
+  return request(places, pair, {{"request", "recalibrate"}, {"dry_run", dry_run}});
+}
+
+Exit accept(const Places& places, const std::string& pair) {
+  return request(places, pair, {{"request", "accept"}});
+}
+
+Exit roll_back(const Places& places, const std::string& pair, std::optional<std::uint64_t> to) {
+  return request(places, pair, {{"request", "rollback"}, {"to", to ? json(*to) : json()}});
+}
+
+}  // namespace calib::ctl

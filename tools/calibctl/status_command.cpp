@@ -1,0 +1,127 @@
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <csignal>
+#include <fstream>
+#include <iostream>
+#include <sstream>
+
+#include "commands.hpp"
+#include "control_client.hpp"
+#include "status_text.hpp"
+#include "text.hpp"
+
+namespace calib::ctl {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::chrono::seconds status_patience{10};
+
+WallTime now() { return std::chrono::system_clock::now().time_since_epoch(); }
+
+/// The status as it came, as it is understood, and what there is to say about it.
+struct Report {
+  json raw;
+  Status status;
+  std::vector<RecordCheck> checks;
+  std::optional<double> snapshot_age_s;
+};
+
+Result<json> read_snapshot(const Places& places, std::optional<double>& age_s) {
+  struct stat about {};
+  std::ifstream file(places.snapshot(), std::ios::binary);
+  if (!file || ::stat(places.snapshot().c_str(), &about) != 0)
+    return fail("daemon_not_running",
+                "calibd does not run, and it has left no snapshot in " + places.snapshot().string());
+  age_s = std::max(0.0, std::chrono::duration<double>(now() - std::chrono::seconds(about.st_mtim.tv_sec)).count());
+  std::ostringstream content;
+  content << file.rdbuf();
+  return json::parse(content.str(), nullptr, /*allow_exceptions=*/false);
+}
+
+void annotate(Report& report) {
+  json& daemon = report.raw["daemon"];
+  daemon["running"] = report.status.running;
+  if (report.snapshot_age_s) daemon["snapshot_age_s"] = *report.snapshot_age_s;
+  for (std::size_t i = 0; i < report.checks.size(); ++i) {
+    const RecordCheck& check = report.checks[i];
+    json& record = report.raw["pairs"][i]["record"];
+    if (record.is_null()) continue;
+    record["verified"] = check.verified;
+    record["verified_by"] = check.checked ? "calibctl" : check.verified ? "calibd" : "nobody";
+    record["verification"] = check.words;
+  }
+}
+
+Result<Report> collect(const Places& places) {
+  Report report;
+  auto reply = ask(places.socket, {{"schema", 1}, {"request", "status"}}, status_patience, [](auto) {});
+  if (reply)
+    reply = reply->value("status", json());
+  else if (reply.error().code == "daemon_not_running")
+    reply = read_snapshot(places, report.snapshot_age_s);
+  if (!reply) return tl::unexpected(reply.error());
+
+  auto status = parse_status(*reply);
+  if (!status) return tl::unexpected(status.error());
+  report.raw = std::move(*reply);
+  report.status = std::move(*status);
+  report.status.running = !report.snapshot_age_s;
+  report.checks = check_records(report.status, places);
+  annotate(report);
+  return report;
+}
+
+Exit exit_of(const Report& report, bool by_verdict) {
+  for (std::size_t i = 0; i < report.checks.size(); ++i)
+    if (report.status.pairs[i].record && !report.checks[i].verified &&
+        (report.checks[i].checked || report.status.running))
+      return Exit::no;
+  if (!report.status.running) return Exit::not_found;
+  const bool calibrated =
+      std::ranges::all_of(report.status.pairs, [](const auto& pair) { return pair.verdict == Verdict::calibrated; });
+  return by_verdict && (!calibrated || report.status.pairs.empty()) ? Exit::no : Exit::done;
+}
+
+/// ASCII only, so that no text from outside steers a terminal.
+std::string json_text(const json& value, int indent) {
+  return value.dump(indent, ' ', /*ensure_ascii=*/true, json::error_handler_t::replace) + '\n';
+}
+
+std::string shown(const Result<Report>& report, const StatusOptions& options) {
+  if (!report) return options.json ? "" : "calibctl: " + escape_control(report.error().context) + '\n';
+  if (options.json) return json_text(report->raw, options.watch ? -1 : 2);
+  return status_text(report->status, report->checks, now(), report->snapshot_age_s, terminal_has_colours());
+}
+
+volatile std::sig_atomic_t interrupted = 0;
+
+Exit watch(const Places& places, const StatusOptions& options) {
+  struct sigaction on_interrupt {};
+  on_interrupt.sa_handler = [](int) { interrupted = 1; };
+  sigaction(SIGINT, &on_interrupt, nullptr);
+  sigaction(SIGTERM, &on_interrupt, nullptr);
+  const bool redraw = ::isatty(STDOUT_FILENO) == 1 && !options.json;
+  while (interrupted == 0) {
+    const std::string text = shown(collect(places), options);
+    std::cout << (redraw ? "\x1b[H\x1b[2J" : "") << text << (redraw || options.json ? "" : "\n") << std::flush;
+    if (!std::cout) return Exit::failed;
+    ::sleep(1);  // a signal ends it early
+  }
+  return Exit::done;
+}
+
+}  // namespace
+
+Exit status(const Places& places, const StatusOptions& options) {
+  if (options.watch) return watch(places, options);
+  const auto report = collect(places);
+  if (!report) return complain(report.error());
+  std::cout << shown(report, options);
+  return exit_of(*report, options.exit_code);
+}
+
+}  // namespace calib::ctl

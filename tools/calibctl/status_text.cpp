@@ -1,0 +1,108 @@
+#include "status_text.hpp"
+
+#include <cmath>
+
+#include "text.hpp"
+
+namespace calib::ctl {
+namespace {
+
+Colour colour_of(Verdict verdict) {
+  switch (verdict) {
+    case Verdict::calibrated: return Colour::green;
+    case Verdict::drifted: return Colour::red;
+    case Verdict::suspect:
+    case Verdict::not_evaluated: break;
+  }
+  return Colour::yellow;
+}
+
+std::string words_of(Verdict verdict) {
+  return verdict == Verdict::not_evaluated ? "not evaluated" : std::string(to_string(verdict));
+}
+
+std::string duration(double seconds) {
+  if (seconds < 120) return decimals(seconds, 1) + " s";
+  if (seconds < 2 * 3600) return decimals(seconds / 60, 1) + " min";
+  if (seconds < 2 * 86400) return decimals(seconds / 3600, 1) + " h";
+  return decimals(seconds / 86400, 1) + " days";
+}
+
+double seconds_between(WallTime from, WallTime to) { return std::chrono::duration<double>(to - from).count(); }
+
+std::string skipped_words(const PairStatus& pair) {
+  std::uint64_t total = 0;
+  std::string reasons;
+  for (const auto& [reason, count] : pair.skipped) {
+    total += count;
+    reasons += (reasons.empty() ? " (" : ", ") + reason + ' ' + std::to_string(count);
+  }
+  return std::to_string(total) + reasons + (reasons.empty() ? "" : ")");
+}
+
+void input_line(Text& text, std::string_view label, const PairStatus::Input& input) {
+  text.line(label, input.topic + (input.age_s ? ", " + duration(*input.age_s) + " ago" : ", never seen"));
+}
+
+void record_line(Text& text, const PairStatus::Record& record, const RecordCheck& check) {
+  std::string value = std::to_string(record.sequence) + " of " + rfc3339(record.created) + ", key " + record.key_id;
+  if (check.checked)
+    value += check.verified ? ", verified" : ", NOT VERIFIED: " + check.words;
+  else
+    value += (check.verified ? ", verified by calibd, " : ", NOT VERIFIED, ") + check.words;
+  text.line("Record", value, check.verified ? Colour::none : Colour::red);
+}
+
+void pair_lines(Text& text, const PairStatus& pair, const RecordCheck& check, WallTime now) {
+  text.blank();
+  text.line("Pair", pair.name);
+  text.line("Verdict", words_of(pair.verdict), colour_of(pair.verdict));
+  text.line("Since", rfc3339(pair.since) + " (" + duration(seconds_between(pair.since, now)) + " ago)");
+  text.line("Reason", pair.reason);
+  text.line("Evaluated", counted(pair.evaluated, "pair") +
+                             (pair.last_evaluated
+                                  ? ", the last " + duration(seconds_between(*pair.last_evaluated, now)) + " ago"
+                                  : ""));
+  text.line("Skipped", skipped_words(pair));
+  if (pair.score)
+    text.line("Score", decimals(pair.score->current, 5) + " (best neighbour " +
+                           decimals(pair.score->best_neighbour, 5) +
+                           (pair.score->baseline ? ", baseline " + decimals(*pair.score->baseline, 5) : "") + ")");
+  if (pair.misalignment) {
+    text.line("LiDAR has moved", "");
+    text.motion(pair.misalignment->delta, &pair.misalignment->sigma);
+  }
+  text.transform("Extrinsic", pair.T_camera_lidar);
+  if (pair.proposed) {
+    text.transform("Proposed", pair.proposed->T_camera_lidar);
+    text.line("", "record " + std::to_string(pair.proposed->record_sequence) +
+                      ", in force after: calibctl accept " + pair.name);
+  }
+  if (pair.record)
+    record_line(text, *pair.record, check);
+  else
+    text.line("Record", "none");
+  input_line(text, "Image", pair.image);
+  if (pair.right_image) input_line(text, "Right image", *pair.right_image);
+  input_line(text, "Cloud", pair.cloud);
+  if (pair.time_difference_ms)
+    text.line("Time difference", decimals(std::abs(*pair.time_difference_ms), 1) + " ms, cloud " +
+                                     (*pair.time_difference_ms < 0 ? "before" : "after") + " image");
+}
+
+}  // namespace
+
+std::string status_text(const Status& status, const std::vector<RecordCheck>& checks, WallTime now,
+                        std::optional<double> snapshot_age_s, bool coloured) {
+  Text text(coloured);
+  text.line("Vehicle", status.vehicle);
+  if (snapshot_age_s)
+    text.line("Daemon", "NOT RUNNING; this is its last snapshot, " + duration(*snapshot_age_s) + " old", Colour::red);
+  else
+    text.line("Daemon", "running for " + duration(status.uptime_s) + ", version " + status.version);
+  text.line("Alerts waiting", std::to_string(status.feed_queued));
+  for (std::size_t i = 0; i < status.pairs.size(); ++i) pair_lines(text, status.pairs[i], checks[i], now);
+  return text.str();
+}
+
+}  // namespace calib::ctl

@@ -1,0 +1,38 @@
+#pragma once
+
+#include <string>
+#include <string_view>
+
+#include "calib/geometry.hpp"
+
+namespace calib::ctl {
+
+enum class Colour { none, red, yellow, green };
+
+/// True when standard output is a terminal that shows colours and NO_COLOR is not set.
+[[nodiscard]] bool terminal_has_colours();
+
+/// Lines of label, colon and value. Every value passes `escape_control`, so nothing from outside steers the terminal.
+class Text {
+ public:
+  explicit Text(bool coloured) : coloured_(coloured) {}
+  void line(std::string_view label, std::string_view value, Colour colour = Colour::none);
+  void blank() { text_ += '\n'; }
+  /// Six lines: how far a motion of the LiDAR (rad, m, its own axes) goes, signs as words; `sigma` may be null.
+  void motion(const Vector6& delta, const Vector6* sigma);
+  /// Two lines: translation and quaternion.
+  void transform(std::string_view label, const RigidTransform& transform);
+  [[nodiscard]] const std::string& str() const { return text_; }
+
+ private:
+  bool coloured_;
+  std::string text_;
+};
+
+[[nodiscard]] std::string decimals(double value, int places);
+/// `1.02 degrees and 3.1 cm`.
+[[nodiscard]] std::string how_far(const RigidTransform& motion);
+/// `1 record`, `2 records`.
+[[nodiscard]] std::string counted(std::uint64_t count, std::string_view noun);
+
+}  // namespace calib::ctl
