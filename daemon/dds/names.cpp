@@ -30,10 +30,10 @@ Result<std::string> dds_topic_name(std::string_view topic) {
   if (topic.starts_with(raw)) {
     topic.remove_prefix(raw.size());
     const bool taken = std::ranges::all_of(
-        topic, [](char c) { return is_letter(c) || is_digit(c) || c == '_' || c == '/' || c == '-'; });
+        topic, [](char c) { return is_letter(c) || is_digit(c) || c == '_' || c == '/'; });
     if (topic.empty() || topic.size() > 255 || !taken || is_digit(topic.front()))
       return fail("bad_topic",
-                  "a raw topic name is dds: and 1 .. 255 letters, digits, _ / -, no digit first");
+                  "a raw topic name is dds: and 1 .. 255 letters, digits, _ and /, no digit first");
     return std::string(topic);
   }
   if (!is_ros_name(topic))
