@@ -149,7 +149,7 @@ RecalibrationConfig read_recalibration(const ConfigNode& node) {
     if (name != "apply" && name != "propose") mode->refuse("is none of: apply, propose");
     recalibration.mode = name == "apply" ? RecalibrationMode::apply : RecalibrationMode::propose;
   }
-  if (const auto frames = node.find("frames")) recalibration.frames = frames->integer(5, 200);
+  if (const auto frames = node.find("frames")) recalibration.frames = frames->integer(8, 100);
   if (const auto limit = node.find("max_rotation_deg"))
     recalibration.max_rotation_rad = limit->number(0.1, 30) * radians_per_degree;
   if (const auto limit = node.find("max_translation_cm"))
