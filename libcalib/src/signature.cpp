@@ -63,13 +63,15 @@ std::string to_base64(const std::uint8_t* bytes, std::size_t size) {
   return text;
 }
 
-/// True when `text` is the base64 of exactly `size` bytes, which are then in `out`.
+/// True when `text` is the base64 of exactly `size` bytes, which are then in `out`. Only the one text that they are
+/// written as: libsodium 1.0.18 also reads '+' and '/' with their top bit set.
 bool from_base64(std::string_view text, std::uint8_t* out, std::size_t size) {
   std::size_t length = 0;
   const char* end = nullptr;
   return sodium_base642bin(out, size, text.data(), text.size(), nullptr, &length, &end,
                            sodium_base64_VARIANT_ORIGINAL) == 0 &&
-         length == size && end == text.data() + text.size();
+         length == size && end == text.data() + text.size() &&
+         std::ranges::all_of(text, [](char c) { return static_cast<unsigned char>(c) < 0x80; });
 }
 
 std::vector<std::string_view> lines_of(std::string_view text) {

@@ -86,7 +86,7 @@ void CommandLine::add_records() {
   list->add_option("PAIR", pair);
   auto* const one = subcommand("show", "Show a verified record, the last one if no number is given",
                                [this] { return ctl::show(places, show); });
-  one->add_option("SEQ", show.sequence);
+  one->add_option("SEQ", show.sequence)->check(CLI::PositiveNumber);
   one->add_flag("--json", show.json, "In the form of record.schema.json");
   one->add_option("--export", show.export_to, "Write NNNNNN.json and NNNNNN.json.minisig into this folder");
   auto* const check = subcommand("verify", "Verify the whole chain of the store, or exported records",
@@ -104,7 +104,8 @@ void CommandLine::add_requests() {
   auto* const back = subcommand("rollback", "Put an earlier extrinsic of a pair in force again",
                                 [this] { return roll_back(places, pair, roll_back_to); });
   back->add_option("PAIR", pair)->required();
-  back->add_option("--to", roll_back_to, "Record whose extrinsic it is; the one before the present one if not given");
+  back->add_option("--to", roll_back_to, "Record whose extrinsic it is; the one before the present one if not given")
+      ->check(CLI::PositiveNumber);
 }
 
 }  // namespace

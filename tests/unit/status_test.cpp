@@ -1,0 +1,180 @@
+#include "calib/status.hpp"
+
+#include <nlohmann/json.hpp>
+
+#include "support/catch.hpp"
+#include "support/records.hpp"
+
+using namespace calib;
+using namespace calib::test;
+using nlohmann::json;
+
+namespace {
+
+/// JSON keeps milliseconds.
+WallTime random_time(std::mt19937& random) { return std::chrono::milliseconds(random() * std::int64_t{400}); }
+
+PairStatus random_pair(std::mt19937& random) {
+  const auto maybe = [&] { return random() % 2 == 0; };
+  std::uniform_real_distribution<double> unit(-1, 1);
+  const auto vector6 = [&] {
+    Vector6 values;
+    for (double& value : values) value = unit(random);
+    return values;
+  };
+  PairStatus pair;
+  pair.name = random_text(random);
+  pair.verdict = static_cast<Verdict>(random() % 4);
+  pair.reason = random_text(random);
+  pair.since = random_time(random);
+  if (maybe()) pair.last_evaluated = random_time(random);
+  pair.evaluated = random();
+  for (int i = static_cast<int>(random() % 4); i > 0; --i) pair.skipped[random_text(random)] = random();
+  if (maybe()) pair.score = {unit(random), unit(random), maybe() ? std::optional(unit(random)) : std::nullopt};
+  if (maybe()) pair.misalignment = PairStatus::Misalignment{vector6(), vector6()};
+  pair.T_camera_lidar = random_transform(random);
+  if (maybe()) pair.proposed = PairStatus::Proposed{random_transform(random), random()};
+  if (maybe()) pair.record = PairStatus::Record{random(), random_text(random), maybe(), random_time(random)};
+  const auto input = [&] {
+    return PairStatus::Input{random_text(random), maybe() ? std::optional(unit(random)) : std::nullopt};
+  };
+  pair.image = input();
+  pair.cloud = input();
+  if (maybe()) pair.right_image = input();
+  if (maybe()) pair.time_difference_ms = unit(random);
+  return pair;
+}
+
+Status random_status(std::mt19937& random) {
+  Status status{random_text(random), random() % 2 == 0, "1.2.3", 0.5 * static_cast<double>(random()), {}, random()};
+  for (int i = static_cast<int>(random() % 4); i > 0; --i) status.pairs.push_back(random_pair(random));
+  return status;
+}
+
+}  // namespace
+
+TEST_CASE("any status comes back from its JSON") {
+  std::mt19937 random(1);
+  for (int i = 0; i < 2'000; ++i) {
+    const Status status = random_status(random);
+    // As text and back: that is the way it goes.
+    const json sent = json::parse(to_json(status).dump());
+    const Status read = require_ok(parse_status(sent));
+    REQUIRE(read.pairs.size() == status.pairs.size());
+    CHECK(read.running == status.running);
+    CHECK(read.feed_queued == status.feed_queued);
+    for (std::size_t p = 0; p < status.pairs.size(); ++p) {
+      CHECK(read.pairs[p].verdict == status.pairs[p].verdict);
+      CHECK(read.pairs[p].since == status.pairs[p].since);
+      CHECK(read.pairs[p].skipped == status.pairs[p].skipped);
+      CHECK(read.pairs[p].T_camera_lidar.isApprox(status.pairs[p].T_camera_lidar, 1e-14));
+    }
+    // Numbers that went through degrees or a matrix may differ in their last bits, nothing else may.
+    const json again = to_json(read).flatten();
+    const json before = sent.flatten();
+    REQUIRE(again.size() == before.size());
+    for (const auto& [path, value] : before.items()) {
+      INFO(path);
+      if (value.is_number_float())
+        CHECK(again.at(path).get<double>() == Approx(value.get<double>()).epsilon(1e-12).margin(1e-12));
+      else
+        CHECK(again.at(path) == value);
+    }
+  }
+}
+
+TEST_CASE("angles are in degrees and the ways of a misalignment in centimetres") {
+  Status status;
+  status.pairs.emplace_back();
+  status.pairs[0].misalignment.emplace();
+  status.pairs[0].misalignment->delta << 0, 0, radians_per_degree, 0, -0.02, 0;
+  status.pairs[0].T_camera_lidar.translation() << 0, 0, 0.5;
+  const json pair = to_json(status)["pairs"][0];
+  CHECK(pair["misalignment"]["rotation_deg"][2].get<double>() == Approx(1));
+  CHECK(pair["misalignment"]["translation_cm"][1].get<double>() == Approx(-2));
+  CHECK(pair["T_camera_lidar"]["translation_m"] == json{0.0, 0.0, 0.5});
+  CHECK(pair["T_camera_lidar"]["quaternion_xyzw"] == json{0.0, 0.0, 0.0, 1.0});
+}
+
+TEST_CASE("what is not known is null, never zero") {
+  Status status;
+  status.pairs.emplace_back();
+  const json pair = to_json(status)["pairs"][0];
+  for (const char* field : {"last_evaluated", "score", "misalignment", "proposed", "record"}) {
+    INFO(field);
+    CHECK(pair.at(field).is_null());
+  }
+  CHECK(pair["inputs"]["image"]["age_s"].is_null());
+  CHECK(pair["inputs"]["time_difference_ms"].is_null());
+  CHECK(pair["verdict"] == "not_evaluated");
+}
+
+TEST_CASE("a reader ignores fields that a newer calibd has added") {
+  std::mt19937 random(2);
+  json sent = to_json(random_status(random));
+  sent["new"] = {1, 2, 3};
+  sent["daemon"]["new"] = "x";
+  for (json& pair : sent["pairs"]) pair["new"] = nullptr;
+  CHECK(parse_status(sent));
+}
+
+TEST_CASE("a status with anything missing or of another kind is refused") {
+  std::mt19937 random(3);
+  Status status = random_status(random);
+  status.pairs = {random_pair(random)};
+  status.pairs[0].misalignment.emplace();
+  status.pairs[0].proposed.emplace();
+  status.pairs[0].record.emplace();
+  status.pairs[0].score.emplace();
+  const json good = to_json(status);
+  const auto refused = [](const json& sent) {
+    const auto read = parse_status(sent);
+    return !read && read.error().code == "malformed_status";
+  };
+  CHECK_FALSE(refused(good));
+  for (const json& sent : {json(), json(1), json::array(), json::object(), json("text")}) CHECK(refused(sent));
+  const json fields = good.flatten();
+  for (const auto& [path, value] : fields.items()) {
+    if (path.find("right_image") != std::string::npos || path.find("/skipped/") != std::string::npos) continue;
+    INFO(path);
+    const json::json_pointer pointer(path);
+    json other = good;
+    other[pointer] = value.is_string() ? json(1) : json("text");
+    CHECK(refused(other));
+    if (value.is_array() || pointer.back().find_first_not_of("0123456789") != std::string::npos) {
+      json missing = good;
+      missing[pointer.parent_pointer()].erase(pointer.back());
+      CHECK(refused(missing));
+    }
+  }
+}
+
+TEST_CASE("every verdict has a word, and every word its verdict") {
+  for (const Verdict verdict : {Verdict::not_evaluated, Verdict::calibrated, Verdict::suspect, Verdict::drifted})
+    CHECK(require_ok(parse_verdict(to_string(verdict))) == verdict);
+  for (const char* text : {"", "Calibrated", "ok", "calibrated "}) CHECK_FALSE(parse_verdict(text));
+}
+
+TEST_CASE("times are written and read as RFC 3339") {
+  using namespace std::chrono_literals;
+  CHECK(rfc3339(0ns) == "1970-01-01T00:00:00.000Z");
+  CHECK(rfc3339(1769860800s + 999'999'999ns) == "2026-01-31T12:00:00.999Z");
+  CHECK(rfc3339_ns(-1ns) == "1969-12-31T23:59:59.999999999Z");
+  CHECK(rfc3339(951'782'400s) == "2000-02-29T00:00:00.000Z");
+  CHECK(require_ok(parse_rfc3339("2000-02-29T00:00:00Z")) == 951'782'400s);
+  CHECK(require_ok(parse_rfc3339("1970-01-01T00:00:00.5Z")) == 500ms);
+  std::mt19937_64 random(4);
+  for (int i = 0; i < 20'000; ++i) {
+    // 1678 to 2261
+    const WallTime time(static_cast<std::int64_t>(random()) / 1'000 * 995);
+    CHECK(require_ok(parse_rfc3339(rfc3339_ns(time))) == time);
+  }
+  for (const char* text : {"", "Z", "2026-01-31", "2026-01-31T12:00:00", "2026-01-31 12:00:00Z", "2026-02-30T12:00:00Z",
+                           "2026-01-31T24:00:00Z", "2026-01-31T12:60:00Z", "2026-01-31T12:00:61Z", "2026-01-31T12:00:00.Z",
+                           "2026-01-31T12:00:00.1234567890Z", "2026-01-31T12:00:00,5Z", "2026-01-31T12:00:00+00:00",
+                           "0000-01-31T12:00:00Z", "9999-01-31T12:00:00Z", "2026-01-31T12:00:-1Z", "2026-01-31T12:00:00.-5Z",
+                           "2026-01-31T12:00: 0Z"}) {
+    INFO(text);
+    CHECK_FALSE(parse_rfc3339(text));
+  }
+}

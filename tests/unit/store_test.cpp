@@ -1,0 +1,343 @@
+#include "calib/store.hpp"
+
+#include <signal.h>
+#include <sqlite3.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <thread>
+
+#include "support/catch.hpp"
+#include "support/records.hpp"
+
+using namespace calib;
+using namespace calib::test;
+using Catch::Matchers::ContainsSubstring;
+
+namespace {
+
+struct Fixture {
+  TemporaryFolder folder;
+  std::filesystem::path file = folder.path() / "calibd.db";
+  SigningKey key = SigningKey::generate();
+  std::mt19937 random{1};
+
+  [[nodiscard]] Store open(Store::Mode mode = Store::Mode::read_write) const { return require_ok(Store::open(file, mode)); }
+  std::vector<SignedRecord> append_chain(Store& store, std::size_t count) {
+    auto chain = random_chain(random, count, key);
+    for (std::size_t i = 0; i < chain.size(); ++i) require_ok(store.append_record(i + 1, "front", chain[i]));
+    return chain;
+  }
+  /// SQL as somebody with write access to the file would run it.
+  void tamper(const std::string& sql) const {
+    sqlite3* database = nullptr;
+    if (sqlite3_open(file.c_str(), &database) != SQLITE_OK || sqlite3_exec(database, sql.c_str(), nullptr, nullptr, nullptr) != SQLITE_OK)
+      throw std::runtime_error(sql + ": " + sqlite3_errmsg(database));
+    sqlite3_close(database);
+  }
+};
+
+/// What `work` gives in a process of its own, as its exit status; -1 when it was killed.
+template <typename Work>
+int in_child(Work work) {
+  const pid_t child = fork();
+  if (child == 0) {
+    int exit = 99;
+    try {
+      exit = work();
+    } catch (...) {
+    }
+    _exit(exit);
+  }
+  int ended = 0;
+  waitpid(child, &ended, 0);
+  return WIFEXITED(ended) ? WEXITSTATUS(ended) : -1;
+}
+
+}  // namespace
+
+TEST_CASE_METHOD(Fixture, "a new store is empty") {
+  const Store store = open();
+  CHECK(require_ok(store.record_count()) == 0);
+  CHECK(store.record(1).error().code == "record_not_found");
+  CHECK(require_ok(store.state("front")) == std::nullopt);
+  CHECK(require_ok(store.next_alert_sequence()) == 1);
+  CHECK(require_ok(store.waiting_alerts(10)).empty());
+  CHECK(require_ok(store.waiting_alert_count()) == 0);
+  CHECK(require_ok(verified_history(store, key.public_key())).empty());
+}
+
+TEST_CASE_METHOD(Fixture, "records, state and alerts are there again after a restart, byte for byte") {
+  std::vector<SignedRecord> chain;
+  const std::string hostile = std::string("zero\0'; DROP TABLE record; --\"\n\xff", 33);
+  {
+    Store store = open();
+    chain = append_chain(store, 5);
+    require_ok(store.save_state("front", "{\"old\":1}"));
+    require_ok(store.save_state("front", hostile));
+    require_ok(store.save_state("", ""));
+    CHECK(require_ok(store.enqueue_alert("first")) == 1);
+    CHECK(require_ok(store.enqueue_alert(hostile)) == 2);
+  }
+  const Store store = open();
+  REQUIRE(require_ok(store.record_count()) == 5);
+  for (std::size_t i = 0; i < chain.size(); ++i) {
+    const SignedRecord record = require_ok(store.record(i + 1));
+    CHECK(record.canonical == chain[i].canonical);
+    CHECK(record.signature == chain[i].signature);
+  }
+  CHECK(require_ok(store.state("front")) == hostile);
+  CHECK(require_ok(store.state("")) == "");
+  CHECK(require_ok(store.state("rear")) == std::nullopt);
+  const auto alerts = require_ok(store.waiting_alerts(10));
+  REQUIRE(alerts.size() == 2);
+  CHECK(alerts[1].json == hostile);
+  CHECK(require_ok(verified_history(store, key.public_key())).size() == 5);
+}
+
+TEST_CASE_METHOD(Fixture, "a record that does not follow the last one is refused") {
+  Store store = open();
+  const auto chain = append_chain(store, 2);
+  for (const std::uint64_t sequence : {0, 1, 2, 4})
+    CHECK(store.append_record(sequence, "front", chain[0]).error().code == "broken_chain");
+  CHECK(require_ok(store.record_count()) == 2);
+}
+
+TEST_CASE_METHOD(Fixture, "the history fails at the first record that was touched, and shows those before it") {
+  Store store = open();
+  append_chain(store, 5);
+  const auto [sql, code] = GENERATE(table<std::string, std::string>(
+      {{"UPDATE record SET canonical = replace(canonical, '1', '2') WHERE sequence = 3", "bad_signature"},
+       {"DELETE FROM record WHERE sequence = 3", "broken_chain"},
+       {"UPDATE record SET canonical = (SELECT canonical FROM record WHERE sequence = 4),"
+        " signature = (SELECT signature FROM record WHERE sequence = 4) WHERE sequence = 3", "broken_chain"},
+       {"UPDATE record SET signature = '' WHERE sequence = 3", "bad_signature"}}));
+  tamper(sql);
+  INFO(sql);
+  const auto history = verified_history(store, key.public_key());
+  REQUIRE_FALSE(history);
+  CHECK(history.error().code == code);
+  CHECK_THAT(history.error().context, ContainsSubstring("record 3 "));
+  std::size_t shown = 0;
+  CHECK_FALSE(visit_verified(store, key.public_key(), [&](const auto& record, const auto&) {
+    CHECK(record.sequence == ++shown);
+  }));
+  CHECK(shown == 2);
+}
+
+TEST_CASE_METHOD(Fixture, "the history of another key names both keys") {
+  Store store = open();
+  append_chain(store, 1);
+  const auto history = verified_history(store, SigningKey::generate().public_key());
+  REQUIRE_FALSE(history);
+  CHECK(history.error().code == "wrong_key");
+  CHECK_THAT(history.error().context, ContainsSubstring("signed by key " + key.public_key().id_text()));
+}
+
+TEST_CASE_METHOD(Fixture, "the number of an alert is never used again, also when the outbox is empty") {
+  {
+    Store store = open();
+    for (std::uint64_t expected = 1; expected <= 3; ++expected) {
+      CHECK(require_ok(store.next_alert_sequence()) == expected);
+      CHECK(require_ok(store.enqueue_alert("{}")) == expected);
+    }
+    require_ok(store.alerts_delivered(2));
+    CHECK(require_ok(store.waiting_alert_count()) == 1);
+    CHECK(require_ok(store.waiting_alerts(5)).front().sequence == 3);
+    require_ok(store.alerts_delivered(3));
+    CHECK(require_ok(store.waiting_alert_count()) == 0);
+  }
+  Store store = open();
+  CHECK(require_ok(store.next_alert_sequence()) == 4);
+  CHECK(require_ok(store.enqueue_alert("{}")) == 4);
+  require_ok(store.alerts_delivered(1'000));
+  CHECK(require_ok(store.enqueue_alert("{}")) == 5);
+}
+
+TEST_CASE_METHOD(Fixture, "waiting alerts come oldest first, no more than asked for") {
+  Store store = open();
+  for (int i = 1; i <= 5; ++i) CHECK(store.enqueue_alert(std::to_string(i)));
+  const auto alerts = require_ok(store.waiting_alerts(3));
+  REQUIRE(alerts.size() == 3);
+  for (std::size_t i = 0; i < 3; ++i) CHECK(alerts[i].json == std::to_string(i + 1));
+  CHECK(require_ok(store.waiting_alerts(0)).empty());
+}
+
+TEST_CASE_METHOD(Fixture, "a full outbox refuses the next alert and keeps the oldest") {
+  Store store = open();
+  require_ok(store.in_transaction([&]() -> Result<void> {
+    for (std::uint64_t i = 0; i < Store::max_waiting_alerts; ++i)
+      if (auto queued = store.enqueue_alert("{}"); !queued) return tl::unexpected(queued.error());
+    return {};
+  }));
+  const auto refused = store.enqueue_alert("{}");
+  REQUIRE_FALSE(refused);
+  CHECK(refused.error().code == "feed_full");
+  CHECK(require_ok(store.waiting_alerts(1)).front().sequence == 1);
+  CHECK(require_ok(store.waiting_alert_count()) == Store::max_waiting_alerts);
+  require_ok(store.alerts_delivered(1));
+  CHECK(require_ok(store.enqueue_alert("{}")) == Store::max_waiting_alerts + 1);
+}
+
+TEST_CASE_METHOD(Fixture, "a transaction keeps all of its writes or none") {
+  Store store = open();
+  const auto chain = random_chain(random, 1, key);
+  const auto write_all = [&](Result<void> end) {
+    return store.in_transaction([&]() -> Result<void> {
+      require_ok(store.append_record(1, "front", chain[0]));
+      require_ok(store.save_state("front", "after"));
+      CHECK(store.enqueue_alert("{}"));
+      return end;
+    });
+  };
+  const auto failed = write_all(fail("some_reason", "said by the body"));
+  REQUIRE_FALSE(failed);
+  CHECK(failed.error().code == "some_reason");
+  CHECK(require_ok(store.record_count()) == 0);
+  CHECK(require_ok(store.state("front")) == std::nullopt);
+  CHECK(require_ok(store.next_alert_sequence()) == 1);
+
+  CHECK_THROWS_AS((void)store.in_transaction([&]() -> Result<void> {
+    require_ok(store.save_state("front", "thrown"));
+    throw std::runtime_error("out of the body");
+  }),
+                  std::runtime_error);
+  CHECK(require_ok(store.state("front")) == std::nullopt);
+
+  require_ok(write_all({}));
+  CHECK(require_ok(store.record_count()) == 1);
+  CHECK(require_ok(store.state("front")) == "after");
+}
+
+TEST_CASE_METHOD(Fixture, "reading works while the writer has a transaction open") {
+  Store writer = open();
+  append_chain(writer, 2);
+  const Store reader = open(Store::Mode::read_only);
+  require_ok(writer.in_transaction([&]() -> Result<void> {
+    require_ok(writer.save_state("front", "new"));
+    CHECK(require_ok(reader.record_count()) == 2);
+    CHECK(require_ok(reader.state("front")) == std::nullopt);
+    return {};
+  }));
+  CHECK(require_ok(reader.state("front")) == "new");
+}
+
+TEST_CASE_METHOD(Fixture, "a reader without write permission reads with the writer alive, closed, and killed") {
+  const auto count_as_stranger = [&] {
+    return in_child([&] {
+      // Without any permission to write, to the folder as well; root would have it regardless.
+      if (geteuid() == 0 && (setgid(65534) != 0 || setuid(65534) != 0)) return 98;
+      if (access(file.c_str(), W_OK) == 0 || access(folder.path().c_str(), W_OK) == 0) return 97;
+      return static_cast<int>(require_ok(open(Store::Mode::read_only).record_count()));
+    });
+  };
+  const auto lock = [&](bool locked) {
+    chmod(folder.path().c_str(), locked ? 0555 : 0755);
+    for (const char* suffix : {"", "-wal", "-shm"}) chmod((file.string() + suffix).c_str(), locked ? 0444 : 0644);
+  };
+  {
+    Store writer = open();
+    append_chain(writer, 3);
+    lock(true);
+    CHECK(count_as_stranger() == 3);
+    lock(false);
+  }
+  lock(true);
+  CHECK(count_as_stranger() == 3);
+  lock(false);
+
+  const int killed = in_child([&] {
+    Store writer = open();
+    const auto more = require_ok(writer.record(3));
+    require_ok(writer.append_record(4, "front", sign_next(random_record(random), std::vector<SignedRecord>(3, more), key)));
+    return raise(SIGKILL);
+  });
+  REQUIRE(killed == -1);
+  lock(true);
+  CHECK(count_as_stranger() == 4);
+  lock(false);
+}
+
+TEST_CASE_METHOD(Fixture, "what had returned is there after kill -9 at any moment") {
+  std::uniform_int_distribution<int> moment_us(0, 60'000);
+  std::uint64_t promised = 0;
+  for (int round = 0; round < 25; ++round) {
+    int pipe_ends[2];
+    REQUIRE(pipe(pipe_ends) == 0);
+    const pid_t writer = fork();
+    if (writer == 0) {
+      // Everything that belongs together in one transaction; then the promise, through the pipe.
+      Store store = open();
+      for (std::uint64_t last = require_ok(store.record_count());; ++last) {
+        const std::string previous = last == 0 ? std::string(no_previous_sha256) : sha256_hex(require_ok(store.record(last)).canonical);
+        CalibrationRecord record = random_record(random);
+        record.sequence = last + 1;
+        record.previous_sha256 = previous;
+        const SignedRecord bytes = require_ok(sign_record(record, key));
+        require_ok(store.in_transaction([&]() -> Result<void> {
+          require_ok(store.append_record(last + 1, "front", bytes));
+          require_ok(store.save_state("front", std::to_string(last + 1)));
+          CHECK(store.enqueue_alert(std::to_string(last + 1)));
+          return {};
+        }));
+        const std::uint64_t done = last + 1;
+        if (write(pipe_ends[1], &done, sizeof done) != sizeof done) _exit(1);
+      }
+    }
+    close(pipe_ends[1]);
+    std::this_thread::sleep_for(std::chrono::microseconds(moment_us(random)));
+    kill(writer, SIGKILL);
+    waitpid(writer, nullptr, 0);
+    std::uint64_t done = 0;
+    while (read(pipe_ends[0], &done, sizeof done) == sizeof done) promised = done;
+    close(pipe_ends[0]);
+
+    const Store store = open();
+    const std::uint64_t count = require_ok(store.record_count());
+    REQUIRE(count >= promised);
+    REQUIRE(count <= promised + 1);  // at most one was done and not yet promised
+    REQUIRE(require_ok(verified_history(store, key.public_key())).size() == count);
+    REQUIRE(require_ok(store.state("front")) == (count == 0 ? std::nullopt : std::optional(std::to_string(count))));
+    REQUIRE(require_ok(store.waiting_alert_count()) == count);
+    REQUIRE(require_ok(store.next_alert_sequence()) == count + 1);
+    promised = count;
+  }
+  CHECK(promised > 0);
+}
+
+TEST_CASE_METHOD(Fixture, "a file that is no store of ours, or of a newer calibd, is refused") {
+  CHECK(Store::open(file, Store::Mode::read_only).error().code == "store_not_found");
+  CHECK_FALSE(std::filesystem::exists(file));
+  CHECK(Store::open(folder.path() / "no_folder" / "x", Store::Mode::read_write).error().code == "store_failed");
+  { const Store store = open(); }
+  tamper("PRAGMA user_version = 2");
+  for (const auto mode : {Store::Mode::read_only, Store::Mode::read_write}) {
+    const auto newer = Store::open(file, mode);
+    REQUIRE_FALSE(newer);
+    CHECK(newer.error().code == "store_version");
+  }
+  const auto text_file = folder.path() / "text";
+  for (const char* end : {"", "-wal", "-shm"}) std::filesystem::remove(file.string() + end);
+  FILE* const text = fopen(text_file.c_str(), "w");
+  fputs("this is a text and not a database, long enough to have a header of one hundred bytes ...................", text);
+  fclose(text);
+  CHECK(Store::open(text_file, Store::Mode::read_only).error().code == "store_failed");
+  CHECK(Store::open(text_file, Store::Mode::read_write).error().code == "store_failed");
+  tamper("VACUUM");  // an empty database
+  CHECK(Store::open(file, Store::Mode::read_only).error().code == "store_not_found");
+}
+
+TEST_CASE_METHOD(Fixture, "a write that fails says so and changes nothing") {
+  Store store = open();
+  append_chain(store, 1);
+  const Store reader = open(Store::Mode::read_only);
+  Store no_writer = open(Store::Mode::read_only);
+  CHECK(no_writer.save_state("front", "{}").error().code == "store_failed");
+  CHECK(no_writer.enqueue_alert("{}").error().code == "store_failed");
+  const auto in_transaction = no_writer.in_transaction([&] { return no_writer.save_state("front", "{}"); });
+  REQUIRE_FALSE(in_transaction);
+  CHECK(in_transaction.error().code == "store_failed");
+  CHECK(require_ok(reader.state("front")) == std::nullopt);
+}
