@@ -2,12 +2,14 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <yaml-cpp/eventhandler.h>
 
 #include <algorithm>
 #include <array>
 #include <charconv>
 #include <cmath>
 #include <set>
+#include <sstream>
 
 namespace calib {
 namespace {
@@ -30,6 +32,32 @@ std::string in_words(std::chrono::nanoseconds duration) {
   return fmt::format("{:g}s", std::chrono::duration<double>(duration).count());
 }
 
+/// Counts documents as they are parsed.
+struct DocumentCount : YAML::EventHandler {
+  int count = 0;
+  void OnDocumentStart(const YAML::Mark&) override { ++count; }
+  void OnDocumentEnd() override {}
+  void OnNull(const YAML::Mark&, YAML::anchor_t) override {}
+  void OnAlias(const YAML::Mark&, YAML::anchor_t) override {}
+  void OnScalar(const YAML::Mark&, const std::string&, YAML::anchor_t, const std::string&) override {}
+  void OnSequenceStart(const YAML::Mark&, const std::string&, YAML::anchor_t,
+                       YAML::EmitterStyle::value) override {}
+  void OnSequenceEnd() override {}
+  void OnMapStart(const YAML::Mark&, const std::string&, YAML::anchor_t, YAML::EmitterStyle::value) override {
+  }
+  void OnMapEnd() override {}
+};
+
+/// Not YAML::LoadAll, which finds documents in a lone `,` or `]` until the memory is full.
+bool holds_one_document(const std::string& yaml) {
+  std::istringstream in(yaml);
+  YAML::Parser parser(in);
+  DocumentCount documents;
+  while (documents.count < 2 && parser.HandleNextDocument(documents)) {
+  }
+  return documents.count == 1;
+}
+
 bool holds_control(std::string_view text) {
   return std::ranges::any_of(text, [](char c) { return static_cast<unsigned char>(c) < ' ' || c == 0x7F; });
 }
@@ -40,9 +68,10 @@ ConfigNode::ConfigNode(YAML::Node node, std::string key, int line)
     : node_(std::move(node)), key_(std::move(key)), line_(line) {}
 
 ConfigNode ConfigNode::parse(const std::string& yaml) {
-  const std::vector<YAML::Node> documents = YAML::LoadAll(yaml);
-  if (documents.size() != 1) throw BadConfig{1, "the file must hold one YAML document"};
-  return {documents[0], "", std::max(documents[0].Mark().line, 0) + 1};
+  if (!holds_one_document(yaml)) throw BadConfig{1, "the file must hold one YAML document"};
+  YAML::Node top = YAML::Load(yaml);
+  const int line = std::max(top.Mark().line, 0) + 1;
+  return {std::move(top), "", line};
 }
 
 void ConfigNode::refuse(std::string_view what) const {

@@ -311,6 +311,8 @@ TEST_CASE("what is not one YAML mapping is refused with a line") {
   CHECK_THAT(refusal("[a, b]: c\n"), Catch::Matchers::StartsWith("c.yaml:1: holds a key"));
   CHECK_THAT(refusal(least + "---\n" + least),
              Catch::Matchers::StartsWith("c.yaml:1: the file must hold one"));
+  for (const std::string stray : {",", "]", "}", ", a: b"})
+    CHECK_THAT(refusal(stray), Catch::Matchers::StartsWith("c.yaml:1: "));
   CHECK_THAT(refusal("<<: {vehicle: car}\n"), Catch::Matchers::StartsWith("c.yaml:1: <<: unknown key"));
   CHECK_THAT(refusal(std::string((1 << 20) + 1, '#')),
              Catch::Matchers::StartsWith("c.yaml:1: is larger than 1 MiB"));

@@ -1,0 +1,40 @@
+#include <cmath>
+
+#include "dds/decode.hpp"
+#include "fuzz/fuzz.hpp"
+#include "support/ros_messages.hpp"
+
+namespace calib::fuzz {
+
+Octets seed() {
+  const test::CameraInfoMessage good;
+  Output out;
+  out.put(good.sec).put(good.nanosec).put(good.width).put(good.height).put(good.k).put(good.p);
+  out.put_text(good.distortion_model).put(static_cast<std::uint8_t>(good.d.size()));
+  for (const double d : good.d) out.put(d);
+  return out.with({});
+}
+
+}  // namespace calib::fuzz
+
+int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
+  calib::fuzz::Input input(bytes, size);
+  calib::test::CameraInfoMessage message;
+  message.sec = input.take<std::int32_t>();
+  message.nanosec = input.take<std::uint32_t>();
+  message.width = input.take<std::uint32_t>();
+  message.height = input.take<std::uint32_t>();
+  message.k = input.take<std::array<double, 9>>();
+  message.p = input.take<std::array<double, 12>>();
+  message.distortion_model = input.take_text();
+  message.d.resize(input.take<std::uint8_t>());
+  for (double& d : message.d) d = input.take<double>();
+  const auto info = calib::decode_camera_info(message.raw());
+  if (!info) {
+    calib::fuzz::require(info.error().code.starts_with("malformed:"));
+    return 0;
+  }
+  calib::fuzz::require(info->width > 0 && info->height > 0 && info->K[0] > 1 && info->K[4] < 1e5);
+  for (const double d : info->D) calib::fuzz::require(std::isfinite(d));
+  return 0;
+}

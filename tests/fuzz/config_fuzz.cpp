@@ -1,0 +1,33 @@
+#include "config.hpp"
+
+#include "fuzz/fuzz.hpp"
+
+namespace calib::fuzz {
+
+Octets seed() {
+  const std::string yaml = R"(vehicle: car
+dds: {domain: 0, interface: lo}
+sampling: {period: 10s, window: 2s, max_time_difference: 50ms}
+pairs:
+  - name: front
+    camera: {image: /l, right_image: /r, model: rectified, size: [640, 480], intrinsics: [500, 500, 320, 240], baseline_m: 0.3}
+    lidar: &lidar {cloud: /p}
+    T_camera_lidar: {translation_m: [0, 0, 0], quaternion_xyzw: [0, 0, 0, 1]}
+    depth: {source: stereo}
+    recalibration: {mode: apply, frames: 25, max_rotation_deg: 5, max_translation_cm: 50}
+)";
+  return {yaml.begin(), yaml.end()};
+}
+
+}  // namespace calib::fuzz
+
+int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
+  const std::string_view yaml(reinterpret_cast<const char*>(bytes), size);
+  const auto config = calib::parse_config(yaml, "c.yaml", {"/state", "/runtime", "/credentials"});
+  if (config)
+    calib::fuzz::require(!config->pairs.empty() && config->sampling.window <= config->sampling.period);
+  else
+    calib::fuzz::require(config.error().code == "bad_config" &&
+                         config.error().context.starts_with("c.yaml:"));
+  return 0;
+}

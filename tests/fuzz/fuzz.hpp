@@ -1,0 +1,72 @@
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <cstdlib>
+#include <cstring>
+#include <string>
+#include <vector>
+
+/// One fuzz target: libFuzzer's entry point, and a well-formed input to start from. Built with clang and
+/// -DCALIBD_FUZZ=ON it is a libFuzzer program; otherwise replay.cpp gives it a main() that mutates the seed.
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size);
+
+namespace calib::fuzz {
+
+using Octets = std::vector<std::uint8_t>;
+[[nodiscard]] Octets seed();
+
+/// What must hold for every input.
+inline void require(bool holds) {
+  if (!holds) std::abort();
+}
+
+/// Reads an input from its front; numbers past its end are zero.
+class Input {
+ public:
+  Input(const std::uint8_t* bytes, std::size_t size) : bytes_(bytes, bytes + size) {}
+  template <typename Number>
+  Number take() {
+    Number value{};
+    const std::size_t size = std::min(sizeof(Number), bytes_.size() - at_);
+    std::memcpy(&value, bytes_.data() + at_, size);
+    at_ += size;
+    return value;
+  }
+  std::string take_text() {
+    const std::size_t wanted = take<std::uint8_t>(), size = std::min(wanted, bytes_.size() - at_);
+    const std::string text(bytes_.begin() + at_, bytes_.begin() + at_ + size);
+    at_ += size;
+    return text;
+  }
+  [[nodiscard]] Octets rest() const { return {bytes_.begin() + at_, bytes_.end()}; }
+
+ private:
+  Octets bytes_;
+  std::size_t at_ = 0;
+};
+
+/// The inverse of `Input`.
+class Output {
+ public:
+  template <typename Number>
+  Output& put(const Number& value) {
+    const auto* bytes = reinterpret_cast<const std::uint8_t*>(&value);
+    bytes_.insert(bytes_.end(), bytes, bytes + sizeof(value));
+    return *this;
+  }
+  Output& put_text(const std::string& text) {
+    put(static_cast<std::uint8_t>(text.size()));
+    bytes_.insert(bytes_.end(), text.begin(), text.end());
+    return *this;
+  }
+  [[nodiscard]] Octets with(const Octets& rest) {
+    bytes_.insert(bytes_.end(), rest.begin(), rest.end());
+    return bytes_;
+  }
+
+ private:
+  Octets bytes_;
+};
+
+}  // namespace calib::fuzz
