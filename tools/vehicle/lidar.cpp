@@ -4,7 +4,7 @@
 #include <cmath>
 #include <limits>
 
-#include "vehicle/surface_plane.hpp"
+#include "vehicle/facing_triangle.hpp"
 
 namespace calib::vehicle {
 namespace {
@@ -28,7 +28,13 @@ class RangeImage {
  public:
   struct Hit {
     float range = std::numeric_limits<float>::max();
-    int plane = -1;
+    int target = -1;
+  };
+  /// A triangle that some ray has met.
+  struct Target {
+    Vector3f normal;  // unit
+    TextureMap texture;
+    Surface surface;
   };
 
   explicit RangeImage(const LidarModel& model)
@@ -44,9 +50,8 @@ class RangeImage {
     }
   }
 
-  void add(const SurfacePlane& plane, float max_range) {
-    if (!plane.faces_origin()) return;
-    const Vector2f a = plane.a.head<2>(), b = plane.b.head<2>(), c = plane.c.head<2>();
+  void add(const Triangle& triangle, const FacingTriangle& facing, float max_range) {
+    const Vector2f a = facing.a.head<2>(), b = facing.b.head<2>(), c = facing.c.head<2>();
     float nearest = std::min({distance_to_origin(a, b), distance_to_origin(b, c), distance_to_origin(c, a)});
     const auto cross = [](const Vector2f& p, const Vector2f& q) { return p.x() * q.y() - p.y() * q.x(); };
     const float ab = cross(a, b), bc = cross(b, c), ca = cross(c, a);
@@ -54,22 +59,22 @@ class RangeImage {
     if (around_axis) nearest = 0;
     if (nearest > max_range) return;
 
-    const auto [first_beam, last_beam] = beams_between(plane, std::max(nearest, 1e-3f));
+    const auto [first_beam, last_beam] = beams_between(facing, std::max(nearest, 1e-3f));
     if (first_beam > last_beam) return;
-    const int id = static_cast<int>(planes_.size());
+    const int id = static_cast<int>(met_.size());
     bool met = false;
     const auto [from, to] = columns_between(a, b, c, around_axis);
-    const std::array<Vector3f, 3> edges{plane.a.cross(plane.b), plane.b.cross(plane.c),
-                                        plane.c.cross(plane.a)};
+    const std::array<Vector3f, 3> edges{facing.a.cross(facing.b), facing.b.cross(facing.c),
+                                        facing.c.cross(facing.a)};
     for (int i = from; i <= to; ++i)
       if (const int column = (i % whole_turn_ + whole_turn_) % whole_turn_; column < columns_)
-        met |= meet(plane, edges, column, first_beam, last_beam, max_range, id);
-    if (met) planes_.push_back(plane);
+        met |= meet(facing, edges, column, first_beam, last_beam, max_range, id);
+    if (met) met_.push_back({facing.normal.normalized(), TextureMap(triangle, facing), triangle.surface});
   }
 
   [[nodiscard]] int columns() const { return columns_; }
   [[nodiscard]] const Hit& hit(int column, int beam) const { return hits_[column * beams + beam]; }
-  [[nodiscard]] const SurfacePlane& plane(const Hit& hit) const { return planes_[hit.plane]; }
+  [[nodiscard]] const Target& target(const Hit& hit) const { return met_[hit.target]; }
   [[nodiscard]] Vector3f direction(int column, int beam) const {
     const float azimuth = azimuth_of(column);
     return {cosine_[beam] * std::cos(azimuth), cosine_[beam] * std::sin(azimuth), sine_[beam]};
@@ -82,11 +87,11 @@ class RangeImage {
   }
 
   /// Beams that may meet the triangle, from its heights and its horizontal distances.
-  [[nodiscard]] std::pair<int, int> beams_between(const SurfacePlane& plane, float nearest) const {
+  [[nodiscard]] std::pair<int, int> beams_between(const FacingTriangle& facing, float nearest) const {
     const float farthest =
-        std::max({plane.a.head<2>().norm(), plane.b.head<2>().norm(), plane.c.head<2>().norm()});
-    const float high = std::max({plane.a.z(), plane.b.z(), plane.c.z()}),
-                low = std::min({plane.a.z(), plane.b.z(), plane.c.z()});
+        std::max({facing.a.head<2>().norm(), facing.b.head<2>().norm(), facing.c.head<2>().norm()});
+    const float high = std::max({facing.a.z(), facing.b.z(), facing.c.z()}),
+                low = std::min({facing.a.z(), facing.b.z(), facing.c.z()});
     const float steepest_up = high / (high > 0 ? nearest : farthest),
                 steepest_down = low / (low < 0 ? nearest : farthest);
     int first = 0, last = beams - 1;
@@ -111,12 +116,12 @@ class RangeImage {
             static_cast<int>(std::floor(high / step_ + offset + 1e-3f))};
   }
 
-  bool meet(const SurfacePlane& plane, const std::array<Vector3f, 3>& edges, int column, int first_beam,
+  bool meet(const FacingTriangle& facing, const std::array<Vector3f, 3>& edges, int column, int first_beam,
             int last_beam, float max_range, int id) {
     const float c = std::cos(azimuth_of(column)), s = std::sin(azimuth_of(column));
     const auto level = [&](const Vector3f& n) { return c * n.x() + s * n.y(); };
-    const float e0 = level(edges[0]), e1 = level(edges[1]), e2 = level(edges[2]), n = level(plane.normal);
-    const float distance = plane.normal.dot(plane.a);
+    const float e0 = level(edges[0]), e1 = level(edges[1]), e2 = level(edges[2]), n = level(facing.normal);
+    const float distance = facing.normal.dot(facing.a);
     bool met = false;
     for (int beam = first_beam; beam <= last_beam; ++beam) {
       const float up = sine_[beam], ahead = cosine_[beam];
@@ -124,7 +129,7 @@ class RangeImage {
       if (ahead * e0 + up * edges[0].z() > 0 || ahead * e1 + up * edges[1].z() > 0 ||
           ahead * e2 + up * edges[2].z() > 0)
         continue;
-      const float slope = ahead * n + up * plane.normal.z();
+      const float slope = ahead * n + up * facing.normal.z();
       if (slope >= 0) continue;
       const float range = distance / slope;
       Hit& best = hits_[column * beams + beam];
@@ -138,7 +143,7 @@ class RangeImage {
   int whole_turn_;
   std::array<float, beams> sine_{}, cosine_{}, tangent_{};
   std::vector<Hit> hits_;
-  std::vector<SurfacePlane> planes_;
+  std::vector<Target> met_;
 };
 
 /// Near infrared is not what a camera sees: foliage is bright in it, paint and cloth less so; signs reflect
@@ -164,10 +169,10 @@ LidarScan scan(const Scene& scene, const std::vector<Instance>& instances, const
   const RigidTransform T_lidar_world = T_world_lidar.inverse();
   for (const Instance& instance : instances) {
     const Eigen::Isometry3f T_lidar_mesh = (T_lidar_world * instance.T_world_mesh).cast<float>();
-    for (const Triangle& triangle : instance.mesh->triangles)
-      image.add(SurfacePlane(triangle, T_lidar_mesh * triangle.corners[0].p,
-                             T_lidar_mesh * triangle.corners[1].p, T_lidar_mesh * triangle.corners[2].p),
-                model.max_range_m);
+    for (const Triangle& triangle : instance.mesh->triangles) {
+      const FacingTriangle facing(triangle, T_lidar_mesh);
+      if (facing.faces_origin()) image.add(triangle, facing, model.max_range_m);
+    }
   }
 
   LidarScan result;
@@ -175,22 +180,22 @@ LidarScan scan(const Scene& scene, const std::vector<Instance>& instances, const
   for (int column = 0; column < image.columns(); ++column)
     for (int beam = 0; beam < beams; ++beam) {
       const RangeImage::Hit& hit = image.hit(column, beam);
-      if (hit.plane < 0) continue;
-      const SurfacePlane& plane = image.plane(hit);
+      if (hit.target < 0) continue;
+      const RangeImage::Target& target = image.target(hit);
       const Vector3f direction = image.direction(column, beam);
       const Vector3f p = hit.range * direction;
       const float spot = 0.003f * hit.range;
-      const float cosine = -direction.dot(plane.normal) / plane.normal.norm();
-      const float visible = albedo(scene.noise(), plane.surface, plane.u_map.dot(p) + plane.u0,
-                                   plane.v_map.dot(p) + plane.v0, spot, spot);
+      const float cosine = -direction.dot(target.normal);
+      const float visible =
+          albedo(scene.noise(), target.surface, target.texture.u(p), target.texture.v(p), spot, spot);
       const float reflectance =
-          std::clamp(infrared(plane.surface.material, visible) * (0.3f + 0.7f * cosine), 0.f, 1.f);
+          std::clamp(infrared(target.surface.material, visible) * (0.3f + 0.7f * cosine), 0.f, 1.f);
       float range = hit.range;
       if (!model.ideal) {
         Random random(mix(key, column, beam));
         // What comes back falls with the square of the range; a dark, slanting or far surface gives none.
         const float echo = reflectance * (0.2f + cosine) * (80 / range) * (80 / range);
-        if (random.chance(model.dropout) || echo < random.uniform(0.02f, 0.06f)) continue;
+        if (random.chance(model.dropout) || echo < random.uniform(0.05f, 0.12f)) continue;
         range += model.range_sigma_m * random.gaussian();
       }
       const Vector3f measured = range * direction;

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <limits>
 
-#include "vehicle/surface_plane.hpp"
+#include "vehicle/facing_triangle.hpp"
 
 namespace calib::vehicle {
 namespace {
@@ -30,8 +30,8 @@ Vector3f of_pixel(const Vector3f& of_ray, const Camera& camera) {
 }
 
 /// The part of a triangle in front of the camera: a polygon of 0, 3 or 4 corners.
-int clip_near(const SurfacePlane& plane, std::array<Vector3f, 4>& polygon) {
-  const std::array<const Vector3f*, 3> corner{&plane.a, &plane.b, &plane.c};
+int clip_near(const FacingTriangle& facing, std::array<Vector3f, 4>& polygon) {
+  const std::array<const Vector3f*, 3> corner{&facing.a, &facing.b, &facing.c};
   int count = 0;
   for (int i = 0; i < 3; ++i) {
     const Vector3f &p = *corner[i], &q = *corner[(i + 1) % 3];
@@ -48,22 +48,23 @@ class DepthBuffer {
   explicit DepthBuffer(const Camera& camera)
       : camera_(camera), nearest_(camera.width() * camera.height(), 0.f), face_(nearest_.size(), no_face) {}
 
-  void draw(const SurfacePlane& plane, float light) {
-    if (!plane.faces_origin()) return;
+  /// `sun`: unit vector, camera's frame.
+  void draw(const Triangle& triangle, const FacingTriangle& facing, const Vector3f& sun) {
     std::array<Vector3f, 4> polygon;
-    const int count = clip_near(plane, polygon);
+    const int count = clip_near(facing, polygon);
     if (count == 0) return;
     std::array<Vector2f, 4> corners;
-    for (int i = 0; i < count; ++i)
-      corners[i] = {static_cast<float>(camera_.fx()) * polygon[i].x() / polygon[i].z() +
-                        static_cast<float>(camera_.cx()),
-                    static_cast<float>(camera_.fy()) * polygon[i].y() / polygon[i].z() +
-                        static_cast<float>(camera_.cy())};
+    for (int i = 0; i < count; ++i) corners[i] = project(polygon[i]);
     // On the plane n . p = n . a, so 1/z = n . ray / (n . a), and u/z = u_map . ray + u0 / z.
-    const Vector3f inverse_depth = of_pixel(plane.normal / plane.normal.dot(plane.a), camera_);
+    const Vector3f inverse_depth = of_pixel(facing.normal / facing.normal.dot(facing.a), camera_);
     if (!fill(corners, count, inverse_depth)) return;
-    faces_.push_back({inverse_depth, of_pixel(plane.u_map, camera_) + plane.u0 * inverse_depth,
-                      of_pixel(plane.v_map, camera_) + plane.v0 * inverse_depth, light, plane.surface});
+    const TextureMap texture(triangle, facing);
+    const float cosine = facing.normal.dot(sun) / facing.normal.norm();
+    // The sky lights what looks away from the sun.
+    const float light = 0.55f + 0.55f * std::max(cosine, 0.f) + 0.08f * cosine;
+    faces_.push_back({inverse_depth, of_pixel(texture.u_map, camera_) + texture.u0 * inverse_depth,
+                      of_pixel(texture.v_map, camera_) + texture.v0 * inverse_depth, light,
+                      triangle.surface});
   }
 
   [[nodiscard]] const Face* face_at(int index) const {
@@ -72,6 +73,11 @@ class DepthBuffer {
 
  private:
   static constexpr std::uint32_t no_face = 0xffffffffU;
+
+  [[nodiscard]] Vector2f project(const Vector3f& p) const {
+    return {static_cast<float>(camera_.fx()) * p.x() / p.z() + static_cast<float>(camera_.cx()),
+            static_cast<float>(camera_.fy()) * p.y() / p.z() + static_cast<float>(camera_.cy())};
+  }
 
   /// Marks the pixels inside the polygon where it is the nearest so far; whether there were any.
   bool fill(const std::array<Vector2f, 4>& corners, int count, const Vector3f& inverse_depth) {
@@ -152,13 +158,8 @@ Rendering render(const Scene& scene, const std::vector<Instance>& instances, con
     const Eigen::Isometry3f T_camera_mesh = (T_camera_world * instance.T_world_mesh).cast<float>();
     const Vector3f sun = (T_camera_world.linear() * scene.sun()).cast<float>();
     for (const Triangle& triangle : instance.mesh->triangles) {
-      const Vector3f a = T_camera_mesh * triangle.corners[0].p, b = T_camera_mesh * triangle.corners[1].p,
-                     c = T_camera_mesh * triangle.corners[2].p;
-      if (a.z() < near_m && b.z() < near_m && c.z() < near_m) continue;
-      const SurfacePlane plane(triangle, a, b, c);
-      const float cosine = plane.normal.dot(sun) / std::max(plane.normal.norm(), 1e-12f);
-      // The sky lights what looks away from the sun, more from above than from below.
-      buffer.draw(plane, 0.55f + 0.55f * std::max(cosine, 0.f) + 0.08f * cosine);
+      const FacingTriangle facing(triangle, T_camera_mesh);
+      if (facing.faces_origin()) buffer.draw(triangle, facing, sun);
     }
   }
 
