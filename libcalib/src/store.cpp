@@ -83,7 +83,9 @@ Result<std::uint64_t> single_number(sqlite3* database, const char* sql) {
 Result<void> prepare_for_writing(sqlite3* database) {
   // FULL: in WAL mode, NORMAL may lose the last commits when the power fails.
   if (const auto set = run(database, "PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL"); !set) return set;
-  // A reader without write permission cannot make the log files anew, so they outlive the writer.
+  // A reader without write permission cannot make the log files anew, so they outlive the writer; but empty, or they
+  // would be taken for the log of another file that is put in this one's place while nobody writes.
+  if (const auto set = run(database, "PRAGMA journal_size_limit = 0"); !set) return set;
   int persist = 1;
   sqlite3_file_control(database, "main", SQLITE_FCNTL_PERSIST_WAL, &persist);
   return {};

@@ -329,6 +329,19 @@ TEST_CASE_METHOD(Fixture, "a file that is no store of ours, or of a newer calibd
   CHECK(Store::open(file, Store::Mode::read_only).error().code == "store_not_found");
 }
 
+TEST_CASE_METHOD(Fixture, "a closed store is one file: another put in its place is read as it is") {
+  {
+    Store store = open();
+    append_chain(store, 3);
+  }
+  const auto other = folder.path() / "other.db";
+  require_ok(require_ok(Store::open(other, Store::Mode::read_write)).save_state("front", "of the other"));
+  std::filesystem::copy_file(other, file, std::filesystem::copy_options::overwrite_existing);
+  const Store store = open(Store::Mode::read_only);
+  CHECK(require_ok(store.record_count()) == 0);
+  CHECK(require_ok(store.state("front")) == "of the other");
+}
+
 TEST_CASE_METHOD(Fixture, "a write that fails says so and changes nothing") {
   Store store = open();
   append_chain(store, 1);

@@ -1,0 +1,62 @@
+"""A store, a key and a snapshot as a daemon leaves them, and calibctl to look at them."""
+
+import json
+import pathlib
+import subprocess
+import types
+
+import pytest
+
+DONE, FAILED, USAGE, NOT_FOUND, NO = range(5)
+
+
+class Calibctl:
+    """Runs calibctl on the things in one folder."""
+
+    def __init__(self, bin_dir, folder):
+        self.program = bin_dir / "calibctl"
+        self.folder = folder
+        self.key = folder / "signing.key"
+        self.public_key = folder / "signing.pub"
+        self.store = folder / "calibd.db"
+        self.snapshot = folder / "status.json"
+        self.socket = folder / "control.sock"
+
+    def command(self, *arguments):
+        return [self.program, "--socket", self.socket, "--state-dir", self.folder, "--public-key", self.public_key,
+                *arguments]
+
+    def __call__(self, *arguments, **options):
+        ended = subprocess.run(self.command(*arguments), capture_output=True, timeout=60, check=False, **options)
+        return types.SimpleNamespace(exit=ended.returncode, out=ended.stdout.decode(), err=ended.stderr.decode())
+
+
+@pytest.fixture
+def bare(bin_dir, tmp_path):
+    """calibctl with nothing there yet."""
+    return Calibctl(bin_dir, tmp_path)
+
+
+@pytest.fixture
+def calibctl(bare, bin_dir):
+    """calibctl with a key, three records and the snapshot of a calibrated pair."""
+    assert bare("keygen", "--out", bare.key).exit == DONE
+    write_store(bin_dir, bare, "calibrated")
+    return bare
+
+
+def write_store(bin_dir, calibctl, verdict):
+    subprocess.run([bin_dir / "tests" / "write_store", calibctl.key, calibctl.folder, verdict], check=True)
+
+
+@pytest.fixture(scope="session")
+def schema(source_dir):
+    """Validates a value against proto/NAME.schema.json."""
+    jsonschema = pytest.importorskip("jsonschema")
+
+    def validate(name, value):
+        text = json.loads((pathlib.Path(source_dir) / "proto" / f"{name}.schema.json").read_text())
+        jsonschema.Draft202012Validator.check_schema(text)
+        jsonschema.Draft202012Validator(text).validate(value)
+
+    return validate

@@ -1,0 +1,207 @@
+"""keygen, history, show and verify: what does not verify is never shown as if it did."""
+
+import json
+import sqlite3
+import stat
+import subprocess
+
+import pytest
+
+from conftest import DONE, FAILED, NO, NOT_FOUND, USAGE
+
+
+def tamper(calibctl, sql):
+    with sqlite3.connect(calibctl.store) as database:
+        assert database.execute(sql).rowcount == 1
+
+
+def is_plain(text):
+    """Nothing in it steers a terminal: no control character but the newline, and no mark that reorders text."""
+    return not any(c < " " and c != "\n" or "\x7f" <= c < "\xa0" or c in "\u202e\u2066" for c in text)
+
+
+def sha256sum(file):
+    return subprocess.run(["sha256sum", file], capture_output=True, check=True).stdout.decode().split()[0]
+
+
+def test_keygen_makes_a_private_and_a_public_key_and_keeps_what_exists(bare):
+    made = bare("keygen", "--out", bare.key)
+    assert made.exit == DONE
+    assert stat.S_IMODE(bare.key.stat().st_mode) == 0o600
+    assert stat.S_IMODE(bare.public_key.stat().st_mode) == 0o644
+    before = bare.key.read_bytes(), bare.public_key.read_bytes()
+    again = bare("keygen", "--out", bare.key)
+    assert again.exit == FAILED and "exists" in again.err
+    assert before == (bare.key.read_bytes(), bare.public_key.read_bytes())
+    key_id = before[1].decode().split("\n")[0].split()[-1]
+    assert key_id in made.out
+    assert bare("keygen").exit == USAGE
+    assert bare("keygen", "--out", bare.public_key).exit == USAGE
+
+
+def test_a_store_that_calibd_wrote_verifies(calibctl):
+    verified = calibctl("verify")
+    assert verified.exit == DONE and "3 records verified" in verified.out
+
+
+def test_history_lists_every_record_with_its_decision(calibctl):
+    history = calibctl("history")
+    assert history.exit == DONE and history.err == ""
+    lines = history.out.splitlines()
+    assert [line.split()[0] for line in lines] == ["1", "2", "3"]
+    assert ["initial", "rejected", "accepted"] == [line.split()[3].rstrip(",") for line in lines]
+    assert "0.56 degrees and 3.6 cm" in lines[2]
+    assert calibctl("history", "front").out == history.out
+
+
+def test_history_of_an_unknown_pair_is_not_found(calibctl):
+    history = calibctl("history", "rear\x1b[2J")
+    assert history.exit == NOT_FOUND and is_plain(history.err)
+
+
+def test_show_says_the_signs_of_a_change_as_words(calibctl):
+    shown = calibctl("show")
+    assert shown.exit == DONE
+    for words in ("Record          : 3, verified", "Roll            : 0.25 degrees left side down",
+                  "Pitch           : 0.00 degrees (", "Yaw             : 0.50 degrees to the left",
+                  "X               : 1.2 cm forward", "Z               : 3.4 cm down"):
+        assert words in shown.out
+    assert shown.out == calibctl("show", "3").out
+    assert "Decision        : initial" in calibctl("show", "1").out
+
+
+@pytest.mark.parametrize("arguments, exit_code", [(["show", "4"], NOT_FOUND), (["show", "0"], USAGE),
+                                                  (["show", "-1"], USAGE), (["show", "x"], USAGE)])
+def test_a_record_that_is_not_there(calibctl, arguments, exit_code):
+    shown = calibctl(*arguments)
+    assert shown.exit == exit_code and shown.out == "" and shown.err != ""
+
+
+def test_text_from_outside_does_not_steer_the_terminal(calibctl):
+    for command in (["history"], ["show", "2"], ["show", "2", "--json"], ["status"], ["status", "--json"]):
+        shown = calibctl(*command)
+        assert is_plain(shown.out), command
+        assert "title" in shown.out  # it is there, escaped
+
+
+def test_the_json_of_a_record_is_the_record(calibctl, schema, tmp_path):
+    for sequence in ("1", "2", "3"):
+        shown = calibctl("show", sequence, "--json", "--export", tmp_path / "out")
+        assert shown.exit == DONE
+        record = json.loads(shown.out)
+        schema("record", record)
+        # The documented canonical form, by a program that shares nothing with ours.
+        canonical = json.dumps(record, sort_keys=True, separators=(",", ":"), ensure_ascii=False).encode()
+        assert canonical == (tmp_path / "out" / f"00000{sequence}.json").read_bytes()
+
+
+def test_an_exported_record_can_be_verified_with_minisign_and_sha256sum_alone(calibctl, tmp_path):
+    out = tmp_path / "out"
+    for sequence in ("1", "2", "3"):
+        assert calibctl("show", sequence, "--export", out).exit == DONE
+    for sequence in (1, 2, 3):
+        file = out / f"{sequence:06}.json"
+        subprocess.run(["minisign", "-Vm", file, "-p", calibctl.public_key], check=True, capture_output=True)
+        expected = sha256sum(out / f"{sequence - 1:06}.json") if sequence > 1 else "0" * 64
+        assert json.loads(file.read_text())["previous_sha256"] == expected
+    # An export never overwrites.
+    assert calibctl("show", "1", "--export", out).exit == FAILED
+
+
+def test_exported_records_verify_in_any_order_and_with_gaps(calibctl, tmp_path):
+    out = tmp_path / "out"
+    for sequence in ("1", "2", "3"):
+        calibctl("show", sequence, "--export", out)
+    everything = sorted(out.iterdir(), reverse=True)
+    verified = calibctl("verify", *everything)
+    assert verified.exit == DONE and "3 records verified" in verified.out and "2 links" in verified.out
+    some = calibctl("verify", out / "000003.json", out / "000001.json")
+    assert some.exit == DONE and "0 links" in some.out and "not among these files" in some.out
+    assert calibctl("verify", out / "000009.json").exit == NOT_FOUND
+    assert calibctl("verify", out / "000001.json.minisig").exit == USAGE
+
+    record = out / "000002.json"
+    good = record.read_bytes()
+    record.write_bytes(good.replace(b"rejected", b"accepted"))
+    bad = calibctl("verify", *everything)
+    assert bad.exit == NO and "000002.json does not verify" in bad.err and "verified" not in bad.out
+    record.write_bytes(good)
+    (out / "000002.json.minisig").unlink()
+    assert calibctl("verify", record).exit == NOT_FOUND
+
+
+def test_signed_records_of_two_histories_do_not_make_one(calibctl, bin_dir, tmp_path):
+    out = tmp_path / "out"
+    calibctl("show", "1", "--export", out)
+    # The same key and another history: record 2 of a store whose record 1 says something else.
+    record = json.loads((out / "000001.json").read_text())
+    record.update(sequence=2, previous_sha256="1" * 64)
+    forged = out / "000002.json"
+    forged.write_text(json.dumps(record, sort_keys=True, separators=(",", ":"), ensure_ascii=False))
+    subprocess.run(["minisign", "-S", "-s", calibctl.key, "-m", forged], check=True, capture_output=True)
+    assert calibctl("verify", forged).exit == DONE
+    both = calibctl("verify", out / "000001.json", forged)
+    assert both.exit == NO and "do not follow each other" in both.err
+
+
+@pytest.mark.parametrize("sql", [
+    "UPDATE record SET canonical = replace(canonical, 'rejected', 'accepted') WHERE sequence = 2",
+    "UPDATE record SET signature = (SELECT signature FROM record WHERE sequence = 1) WHERE sequence = 2",
+    "DELETE FROM record WHERE sequence = 2"])
+def test_a_record_that_was_touched_is_never_shown(calibctl, sql):
+    tamper(calibctl, sql)
+    verified = calibctl("verify")
+    assert verified.exit == NO and verified.out == "" and "record 2 does not verify" in verified.err
+    history = calibctl("history")
+    assert history.exit == NO and [line.split()[0] for line in history.out.splitlines()] == ["1"]
+    assert "2 records from there on not shown" in history.err
+    assert calibctl("show", "1").exit == DONE
+    for sequence in ("2", "3"):
+        shown = calibctl("show", sequence, "--export", calibctl.folder / "out")
+        assert shown.exit == NO and shown.out == "" and "record 2 does not verify" in shown.err
+    assert not (calibctl.folder / "out").exists()
+
+
+def test_another_key_is_named(calibctl, tmp_path):
+    other = tmp_path / "other.key"
+    assert calibctl("keygen", "--out", other).exit == DONE
+    signer, calibctl.public_key = calibctl.public_key, tmp_path / "other.pub"
+    verified = calibctl("verify")
+    assert verified.exit == NO and verified.out == ""
+    ids = [key.read_text().split("\n")[0].split()[-1] for key in (signer, calibctl.public_key)]
+    assert f"signed by key {ids[0]}, you have {ids[1]}" in verified.err
+
+
+def test_things_that_are_not_there_are_not_found(bare, bin_dir):
+    for command in (["verify"], ["history"], ["show"]):
+        missing = bare(*command)
+        assert missing.exit == NOT_FOUND and missing.out == ""
+    bare("keygen", "--out", bare.key)
+    subprocess.run([bin_dir / "tests" / "write_store", bare.key, bare.folder, "calibrated"], check=True)
+    bare.public_key.unlink()
+    for command in (["verify"], ["history"], ["show"]):
+        assert bare(*command).exit == NOT_FOUND
+
+
+def test_a_store_that_is_none_fails(calibctl):
+    calibctl.store.write_bytes(b"this is no database " * 100)
+    assert calibctl("verify").exit == FAILED
+
+
+@pytest.mark.parametrize("arguments", [[], ["unknown"], ["show", "1", "2"], ["recalibrate"], ["rollback", "front", "--to", "x"],
+                                       ["status", "--unknown"], ["accept"], ["check-config"]])
+def test_wrong_usage_exits_with_2(calibctl, arguments):
+    wrong = calibctl(*arguments)
+    assert wrong.exit == USAGE and wrong.out == "" and wrong.err != ""
+
+
+def test_help_and_version(calibctl):
+    assert calibctl("--help").exit == DONE
+    version = calibctl("--version")
+    assert version.exit == DONE and version.out.startswith("calibctl ")
+
+
+def test_output_that_cannot_be_written_is_a_failure(calibctl):
+    with open("/dev/full", "wb") as full:
+        ended = subprocess.run(calibctl.command("history"), stdout=full, stderr=subprocess.PIPE, check=False)
+    assert ended.returncode == FAILED

@@ -1,0 +1,238 @@
+"""status without a daemon, and calibctl against a peer that does not keep to proto/control.md."""
+
+import json
+import os
+import pty
+import signal
+import socket
+import sqlite3
+import subprocess
+import threading
+import time
+
+import pytest
+
+from conftest import DONE, FAILED, NO, NOT_FOUND, USAGE, write_store
+
+
+class Peer:
+    """Something that listens where calibd would, and sends the given bytes to whoever asks."""
+
+    def __init__(self, path, reply):
+        self.questions = []
+        self.reply = reply
+        self.socket = socket.socket(socket.AF_UNIX)
+        self.socket.bind(str(path))
+        self.socket.listen()
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def _serve(self):
+        while True:
+            try:
+                connection, _ = self.socket.accept()
+            except OSError:
+                return
+            with connection:
+                self.questions.append(connection.makefile("rb").readline())
+                try:
+                    connection.sendall(self.reply)
+                except OSError:
+                    pass  # the asker had enough
+
+
+@pytest.fixture
+def peer(calibctl):
+    peers = []
+
+    def listen(reply):
+        peers.append(Peer(calibctl.socket, reply if isinstance(reply, bytes) else json.dumps(reply).encode() + b"\n"))
+        return peers[-1]
+
+    yield listen
+    for each in peers:
+        each.socket.close()
+
+
+def test_the_snapshot_of_a_dead_daemon_is_shown_as_that(calibctl, schema):
+    os.utime(calibctl.snapshot, (time.time() - 90, time.time() - 90))
+    shown = calibctl("status", "--json")
+    assert shown.exit == NOT_FOUND
+    status = json.loads(shown.out)
+    schema("status", status)
+    assert status["daemon"]["running"] is False
+    assert 89 < status["daemon"]["snapshot_age_s"] < 150
+    record = status["pairs"][0]["record"]
+    assert record["verified"] is True and record["verified_by"] == "calibctl" and record["sequence"] == 3
+    text = calibctl("status")
+    assert text.exit == NOT_FOUND
+    assert "NOT RUNNING; this is its last snapshot, 9" in text.out
+
+
+def test_status_says_signs_as_words_and_aligns_its_colons(calibctl):
+    out = calibctl("status").out
+    for words in ("Verdict         : calibrated\n", "Roll            : 0.10 degrees right side down (+/- 0.06)",
+                  "Pitch           : 0.20 degrees nose up", "Yaw             : 0.60 degrees to the left",
+                  "X               : 1.0 cm back", "Y               : 2.0 cm to the left", "Z               : 0.0 cm (",
+                  "Skipped         : 4 (dark 1, low_overlap 3)", "Image           : /camera/left/image, 0.2 s ago",
+                  "Cloud           : /lidar/points, never seen", "12.5 ms, cloud before image", "verified"):
+        assert words in out
+    assert all(line[16:18] == ": " for line in out.splitlines() if line)
+
+
+@pytest.mark.parametrize("spoil", [
+    "UPDATE record SET canonical = replace(canonical, 'calibd', 'nobody') WHERE sequence = 3",
+    "DELETE FROM record WHERE sequence = 3"])
+def test_a_record_that_does_not_verify_is_not_shown_as_verified(calibctl, spoil):
+    with sqlite3.connect(calibctl.store) as database:
+        assert database.execute(spoil).rowcount == 1
+    shown = calibctl("status", "--json")
+    assert shown.exit == NO
+    record = json.loads(shown.out)["pairs"][0]["record"]
+    assert record["verified"] is False and record["verified_by"] == "calibctl"
+    assert "NOT VERIFIED" in calibctl("status").out
+
+
+@pytest.mark.parametrize("change", [
+    lambda pair: pair["T_camera_lidar"]["translation_m"].__setitem__(0, 0.26),
+    lambda pair: pair["record"].__setitem__("sequence", 2),
+    lambda pair: pair["record"].__setitem__("sequence", 4),
+    lambda pair: pair.__setitem__("name", "rear")])
+def test_a_snapshot_that_does_not_fit_its_record_is_not_verified(calibctl, change):
+    status = json.loads(calibctl.snapshot.read_text())
+    change(status["pairs"][0])
+    calibctl.snapshot.write_text(json.dumps(status))
+    shown = calibctl("status", "--json")
+    assert shown.exit == NO
+    assert json.loads(shown.out)["pairs"][0]["record"]["verified"] is False
+
+
+def test_a_snapshot_that_cannot_be_checked_is_nobodys_word(calibctl):
+    calibctl.public_key.unlink()
+    shown = calibctl("status", "--json")
+    assert shown.exit == NOT_FOUND
+    record = json.loads(shown.out)["pairs"][0]["record"]
+    assert record["verified"] is False and record["verified_by"] == "nobody"
+
+
+def test_a_running_daemons_word_is_told_from_calibctls_own_check(calibctl, peer, schema):
+    peer({"ok": True, "status": json.loads(calibctl.snapshot.read_text())})
+    status = json.loads(calibctl("status", "--json").out)
+    schema("status", status)
+    assert status["daemon"]["running"] is True
+    assert status["pairs"][0]["record"]["verified_by"] == "calibctl"
+    calibctl.public_key.unlink()
+    shown = calibctl("status")
+    assert shown.exit == DONE and "verified by calibd, not checked by calibctl" in shown.out
+
+
+@pytest.mark.parametrize("verdict, exit_code", [("calibrated", DONE), ("suspect", NO), ("drifted", NO), ("not_evaluated", NO)])
+def test_the_verdict_is_the_exit_code_when_asked_for(calibctl, bin_dir, peer, verdict, exit_code):
+    calibctl.store.unlink()
+    write_store(bin_dir, calibctl, verdict)
+    peer({"ok": True, "status": json.loads(calibctl.snapshot.read_text())})
+    assert calibctl("status").exit == DONE
+    assert calibctl("status", "--exit-code").exit == exit_code
+
+
+def test_no_daemon_and_no_snapshot(bare):
+    for command in (["status"], ["recalibrate", "front"], ["accept", "front"], ["rollback", "front"]):
+        ended = bare(*command)
+        assert ended.exit == NOT_FOUND and ended.out == "" and "does not run" in ended.err
+
+
+@pytest.mark.parametrize("content", [b"", b"{}", b"[1,2]", b"\xff\xfe", b'{"schema":2}', b"[" * 100_000])
+def test_a_snapshot_that_is_none_fails(calibctl, content):
+    calibctl.snapshot.write_bytes(content)
+    ended = calibctl("status")
+    assert ended.exit == FAILED and ended.out == ""
+
+
+@pytest.mark.parametrize("reply", [
+    b"", b"\n", b"hello\n", b"{}\n", b"[]\n", b'{"ok":1}\n', b'{"ok":false}\n', b'{"ok":true}\n', b'{"ok":true,"status":7}\n',
+    b'{"ok":true,"status":{}}', b'{"ok":false,"code":1,"message":2}\n', b"\xff\n", b"x" * (5 << 20)])
+def test_a_peer_that_answers_nonsense_is_a_failure(calibctl, peer, reply):
+    peer(reply)
+    for command in (["status"], ["recalibrate", "front"], ["accept", "front"], ["rollback", "front"]):
+        ended = calibctl(*command)
+        assert ended.exit == FAILED and ended.out == "" and ended.err.startswith("calibctl: ")
+
+
+@pytest.mark.parametrize("code, exit_code", [("not_found", NOT_FOUND), ("bad_request", USAGE), ("not_ready", FAILED),
+                                             ("denied", FAILED), ("failed", FAILED)])
+def test_a_refusal_has_its_exit_code_and_its_words(calibctl, peer, code, exit_code):
+    peer({"ok": False, "code": code, "message": "because \x1b[31m"})
+    ended = calibctl("recalibrate", "front")
+    assert ended.exit == exit_code and ended.err == "calibctl: because \\x1b[31m\n"
+
+
+RESULT = {"T_camera_lidar": {"translation_m": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]},
+          "change": {"rotation_deg": [0.0, 0.0, -1.0], "translation_cm": [0.0, 0.0, 2.0]},
+          "score": {"before": 0.1, "after": 0.2, "held_back_before": 0.1, "held_back_after": 0.2}}
+
+
+@pytest.mark.parametrize("answer, exit_code", [
+    ({"answer": "accepted"}, DONE), ({"answer": "proposed"}, DONE), ({"answer": "rolled_back"}, DONE),
+    ({"answer": "rejected"}, NO), ({"answer": "dry_run", "would": "accepted"}, DONE),
+    ({"answer": "dry_run", "would": "rejected"}, NO)])
+def test_what_was_decided_is_the_exit_code(calibctl, peer, answer, exit_code):
+    peer({"ok": True, "reason": "words", "record": 4, "result": RESULT, **answer})
+    ended = calibctl("recalibrate", "front")
+    assert ended.exit == exit_code
+    assert "1.00 degrees to the right" in ended.out and "2.0 cm up" in ended.out
+
+
+@pytest.mark.parametrize("arguments, question", [
+    (["status"], {"request": "status"}),
+    (["recalibrate", "front"], {"request": "recalibrate", "pair": "front", "dry_run": False}),
+    (["recalibrate", "front", "--dry-run"], {"request": "recalibrate", "pair": "front", "dry_run": True}),
+    (["accept", 'a "pair"'], {"request": "accept", "pair": 'a "pair"'}),
+    (["rollback", "front"], {"request": "rollback", "pair": "front", "to": None}),
+    (["rollback", "front", "--to", "3"], {"request": "rollback", "pair": "front", "to": 3})])
+def test_questions_are_the_documented_ones(calibctl, peer, arguments, question):
+    listening = peer({"ok": False, "code": "failed", "message": "no"})
+    calibctl(*arguments)
+    assert [json.loads(line) for line in listening.questions] == [{"schema": 1, **question}]
+    assert all(line.endswith(b"\n") for line in listening.questions)
+
+
+def on_terminal(command, environment, enough):
+    """What `command` writes to a terminal until `enough(seen)`, and the exit that follows an interrupt."""
+    master, slave = pty.openpty()
+    running = subprocess.Popen(command, stdin=slave, stdout=slave, stderr=slave, env={**os.environ, **environment})
+    os.close(slave)
+    seen = b""
+    try:
+        while not enough(seen):
+            seen += os.read(master, 65536)
+    finally:
+        running.send_signal(signal.SIGINT)
+        exit_code = running.wait(timeout=20)
+        os.close(master)
+    return seen, exit_code
+
+
+def test_watching_redraws_until_interrupted(calibctl):
+    redraw = b"\x1b[H\x1b[2JVehicle"
+    _, exit_code = on_terminal(calibctl.command("status", "--watch"), {"TERM": "xterm"}, lambda seen: seen.count(redraw) == 2)
+    assert exit_code == DONE
+
+
+def test_the_verdict_is_coloured_on_a_terminal_only(calibctl):
+    command = calibctl.command("status", "--watch")
+
+    def all_shown(seen):
+        return b"before image" in seen
+
+    seen, _ = on_terminal(command, {"TERM": "xterm", "NO_COLOR": ""}, all_shown)
+    assert b"\x1b[32mcalibrated\x1b[0m" in seen
+    seen, _ = on_terminal(command, {"TERM": "xterm", "NO_COLOR": "1"}, all_shown)
+    assert b"calibrated" in seen and b"\x1b[32m" not in seen
+    assert "\x1b" not in calibctl("status").out
+
+
+def test_watching_as_json_gives_a_line_a_second(calibctl):
+    with subprocess.Popen(calibctl.command("status", "--json", "--watch"), stdout=subprocess.PIPE) as running:
+        first, second = (json.loads(running.stdout.readline()) for _ in range(2))
+        running.send_signal(signal.SIGTERM)
+        assert running.wait(timeout=20) == DONE
+    assert 0.5 < second["daemon"]["snapshot_age_s"] - first["daemon"]["snapshot_age_s"] < 10
