@@ -42,38 +42,48 @@ DriftVerdict drift_verdict(int number) {
   return static_cast<DriftVerdict>(number);
 }
 
+json evidence_json(const AxisEvidence& evidence) {
+  return {{"stamp_ns", evidence.stamp.count()},
+          {"slope", numbers(evidence.slope)},
+          {"curvature", numbers(evidence.curvature)},
+          {"score", evidence.score}};
+}
+
+AxisEvidence evidence_from(const json& in) {
+  return {Timestamp(in.at("stamp_ns").get<std::int64_t>()), vector6(in.at("slope")), vector6(in.at("curvature")),
+          in.at("score").get<double>()};
+}
+
 json drift_json(const DriftState& drift) {
-  json learning = json::array(), recent = json::array();
-  for (const Vector6& delta : drift.learning) learning.push_back(numbers(delta));
-  for (const auto& observation : drift.recent)
-    recent.push_back({{"stamp_ns", observation.stamp.count()}, {"delta", numbers(observation.delta)}});
-  return {{"learning", learning},
-          {"baseline", optional(drift.baseline, [](const Vector6& v) { return numbers(v); })},
-          {"spread", numbers(drift.spread)},
-          {"baseline_score", optional(drift.baseline_score, [](double v) { return json(v); })},
-          {"score_sum", drift.score_sum},
+  json recent = json::array();
+  for (const AxisEvidence& evidence : drift.recent) recent.push_back(evidence_json(evidence));
+  const DriftBaseline& baseline = drift.baseline;
+  return {{"recent", recent},
+          {"baseline",
+           {{"pairs", baseline.pairs},
+            {"slope", numbers(baseline.slope)},
+            {"slope_squares", numbers(baseline.slope_squares)},
+            {"curvature", numbers(baseline.curvature)},
+            {"curvature_squares", numbers(baseline.curvature_squares)},
+            {"score", baseline.score}}},
           {"cusum_up", numbers(drift.cusum_up)},
           {"cusum_down", numbers(drift.cusum_down)},
           {"up_since_ns", stamps(drift.up_since)},
           {"down_since_ns", stamps(drift.down_since)},
-          {"recent", recent},
           {"verdict", static_cast<int>(drift.verdict)}};
 }
 
 DriftState drift_from(const json& in) {
   DriftState drift;
-  for (const json& delta : in.at("learning")) drift.learning.push_back(vector6(delta));
-  if (!in.at("baseline").is_null()) drift.baseline = vector6(in.at("baseline"));
-  drift.spread = vector6(in.at("spread"));
-  if (!in.at("baseline_score").is_null()) drift.baseline_score = in.at("baseline_score").get<double>();
-  drift.score_sum = in.at("score_sum").get<double>();
+  for (const json& evidence : in.at("recent")) drift.recent.push_back(evidence_from(evidence));
+  const json& baseline = in.at("baseline");
+  drift.baseline = {baseline.at("pairs").get<int>(),     vector6(baseline.at("slope")),
+                    vector6(baseline.at("slope_squares")), vector6(baseline.at("curvature")),
+                    vector6(baseline.at("curvature_squares")), baseline.at("score").get<double>()};
   drift.cusum_up = vector6(in.at("cusum_up"));
   drift.cusum_down = vector6(in.at("cusum_down"));
   drift.up_since = stamps_from(in.at("up_since_ns"));
   drift.down_since = stamps_from(in.at("down_since_ns"));
-  for (const json& observation : in.at("recent"))
-    drift.recent.push_back(
-        {Timestamp(observation.at("stamp_ns").get<std::int64_t>()), vector6(observation.at("delta"))});
   drift.verdict = drift_verdict(in.at("verdict").get<int>());
   return drift;
 }

@@ -2,7 +2,6 @@
 
 #include <time.h>
 
-#include "calib/depth_stereo.hpp"
 #include "journal.hpp"
 #include "message_ids.hpp"
 
@@ -175,8 +174,9 @@ void Service::evaluated(Watch& watch, const FramePair& pair, const PairMonitor::
   watch.state.last_stamp = pair.image.stamp;
   watch.state.last_evaluated = now().wall;
   ++watch.state.evaluated;
+  const DriftBaseline& baseline = watch.monitor.drift().state().baseline;
   watch.state.score = PairStatus::Score{evidence.stencil.current, evidence.stencil.best_neighbour(),
-                                        watch.monitor.drift().state().baseline_score};
+                                        baseline.pairs > 0 ? std::optional(baseline.score) : std::nullopt};
 }
 
 void Service::skipped(Watch& watch, const Error& error) {

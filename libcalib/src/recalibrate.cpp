@@ -138,16 +138,19 @@ Gain gain(Frames frames, const RigidTransform& before, const RigidTransform& aft
   return result;
 }
 
-/// Standard deviation of the result from how much the frames' own optima scatter about it.
-Vector6 uncertainty(Frames frames, const RigidTransform& T) {
-  Vector6 sum = Vector6::Zero(), squares = Vector6::Zero();
-  for (const FeatureSet* frame : frames) {
-    const Vector6 offset = axis_offsets(evaluate_stencil(*frame, T)).delta;
-    sum += offset;
-    squares += offset.cwiseAbs2();
+/// Standard deviation of each parameter: the scatter of the frames' slopes at the optimum over its mean curvature. Where
+/// the frames say nothing of an axis, what is known of it is the bounds.
+Vector6 uncertainty(Frames frames, const RigidTransform& T, const SearchBounds& bounds) {
+  DriftBaseline at_optimum;
+  for (const FeatureSet* frame : frames) at_optimum.add(axis_evidence(evaluate_stencil(*frame, T), frame->stamp));
+  Vector6 sigma;
+  for (int axis = 0; axis < 6; ++axis) {
+    sigma[axis] = axis < 3 ? bounds.rotation_rad : bounds.translation_m;
+    if (at_optimum.observable(axis))
+      sigma[axis] = std::min(sigma[axis], at_optimum.spread(axis) / -at_optimum.curvature[axis] /
+                                              std::sqrt(static_cast<double>(frames.size())));
   }
-  const auto n = static_cast<double>(frames.size());
-  return ((squares - sum.cwiseAbs2() / n) / (n - 1) / n).cwiseMax(0).cwiseSqrt();
+  return sigma;
 }
 
 std::string in_words(const Gain& gained) {
@@ -175,7 +178,7 @@ Result<Recalibration> recalibrate(Frames fit, Frames held_back,
   result.translation_changed = gain(held_back, *rotated, *moved).exceeds(settings.min_gain_sigmas);
   result.T_camera_lidar = result.translation_changed ? *moved : *rotated;
   result.delta = perturbation_parameters(T_camera_lidar.inverse() * result.T_camera_lidar);
-  result.sigma = uncertainty(fit, result.T_camera_lidar);
+  result.sigma = uncertainty(fit, result.T_camera_lidar, settings.bounds);
   result.score_before = mean_score(fit, T_camera_lidar).value;
   result.score_after = mean_score(fit, result.T_camera_lidar).value;
   result.held_back_before = mean_score(held_back, T_camera_lidar).value;

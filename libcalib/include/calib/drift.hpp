@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -9,10 +10,11 @@
 
 namespace calib {
 
-/// Half width of the stencil: wide enough for a parabola through three noisy scores, narrow enough to be local.
+/// Half width of the stencil: narrow enough to feel a quarter of a degree, wide enough that a hill some degrees away
+/// still gives a slope.
 struct StencilStep {
-  double rotation_rad = 0.5 * radians_per_degree;
-  double translation_m = 0.1;
+  double rotation_rad = 0.75 * radians_per_degree;
+  double translation_m = 0.15;
   [[nodiscard]] double of_axis(int axis) const { return axis < 3 ? rotation_rad : translation_m; }
 };
 
@@ -27,25 +29,28 @@ struct Stencil {
 [[nodiscard]] Stencil evaluate_stencil(const FeatureSet& frame, const RigidTransform& T_camera_lidar,
                                        const StencilStep& step = {});
 
-/// Where one frame has its optimum along each axis: the vertex of the parabola through the three scores, in the LiDAR
-/// frame (rad, m), within one step. Beyond the step the parabola says nothing: `limited` axes are at least that far.
-struct AxisOffsets {
-  Vector6 delta = Vector6::Zero();
-  std::array<bool, 6> limited{};
+/// What one frame's stencil says of each axis, LiDAR frame: first and second central differences of the score, per rad and
+/// m (and squared). A positive slope says that the optimum lies at a positive perturbation: there the LiDAR went.
+struct AxisEvidence {
+  Timestamp stamp{};
+  Vector6 slope = Vector6::Zero(), curvature = Vector6::Zero();
+  double score = 0;
 };
-[[nodiscard]] AxisOffsets axis_offsets(const Stencil& stencil, const StencilStep& step = {});
+[[nodiscard]] AxisEvidence axis_evidence(const Stencil& stencil, Timestamp stamp, const StencilStep& step = {});
 
 struct DriftSettings {
-  /// Pairs from which the extrinsic's own offsets and spread are learned after it was accepted.
-  int baseline_pairs = 20;
+  /// Pairs from which the extrinsic's own slopes and their spread are learned after it was accepted, before there is a
+  /// verdict; as long as nothing speaks of drift, learning goes on to `max_baseline_pairs`.
+  int baseline_pairs = 20, max_baseline_pairs = 100;
   /// CUSUM reference value and decision limit, in standard deviations of one pair. With k = 1, h = 8 a one-sided test
   /// of independent normal values has an average run length of 4.6e7 pairs to a false alarm (Siegmund 1985); a shift of
-  /// three standard deviations takes four pairs.
+  /// three standard deviations takes four pairs. What is not sure of the baseline's mean, 1 / sqrt(pairs) standard
+  /// deviations, is added to k one and a half times.
   double cusum_k = 1, cusum_h = 8;
   /// One pair counts for no more than this: a single bad frame must not decide.
   double max_deviation = 4;
-  /// A depth source shifts the optimum by a constant; an offset within these limits is taken for that when the
-  /// baseline is learned, anything beyond is misalignment.
+  /// A depth source shifts the optimum by a constant. While the baseline is learned, an offset within these limits is
+  /// taken for that; one that is significantly beyond is misalignment from the start.
   double max_bias_rotation_rad = 0.35 * radians_per_degree;
   double max_bias_translation_m = 0.2;
 };
@@ -53,29 +58,36 @@ struct DriftSettings {
 /// `learning`: the baseline is not known yet and nothing speaks of misalignment.
 enum class DriftVerdict { learning, calibrated, suspect, drifted };
 
+/// How the accepted extrinsic looks in this vehicle's own scenes and with its own depth source: running moments (Welford
+/// 1962) of the evidence of pairs taken while nothing spoke of drift.
+struct DriftBaseline {
+  int pairs = 0;
+  Vector6 slope = Vector6::Zero(), slope_squares = Vector6::Zero();          // mean, sum of squared deviations
+  Vector6 curvature = Vector6::Zero(), curvature_squares = Vector6::Zero();  // likewise
+  double score = 0;                                                          // mean
+
+  void add(const AxisEvidence& evidence);
+  /// Standard deviation of one pair's slope, taken somewhat large as long as it comes of few pairs.
+  [[nodiscard]] double spread(int axis) const;
+  /// Whether the scenes tell anything of the axis at all: its mean curvature is significantly that of a hill.
+  [[nodiscard]] bool observable(int axis) const;
+};
+
 /// What the monitor knows; everything of it survives a restart.
 struct DriftState {
-  /// Offsets seen while the baseline was learned; empty when it is known.
-  std::vector<Vector6> learning;
-  std::optional<Vector6> baseline;   // median offset of the accepted extrinsic
-  Vector6 spread = Vector6::Zero();  // standard deviation of one pair's offset; valid with `baseline`
-  std::optional<double> baseline_score;  // mean objective while it was learned
-  double score_sum = 0;
+  std::vector<AxisEvidence> recent;  // the latest pairs, oldest first
+  DriftBaseline baseline;
   Vector6 cusum_up = Vector6::Zero(), cusum_down = Vector6::Zero();
   /// Stamp of the first pair of each run of evidence that still counts: when the drift began, should it be one.
   std::array<Timestamp, 6> up_since{}, down_since{};
-  struct Observation {
-    Timestamp stamp{};
-    Vector6 delta = Vector6::Zero();
-  };
-  std::vector<Observation> recent;  // the latest pairs, oldest first
   DriftVerdict verdict = DriftVerdict::learning;
 };
 
 /// Decides, pair after pair, whether the extrinsic still is where it was when it was accepted: a two-sided CUSUM per
-/// axis on the offsets of single pairs, standardised by the vehicle's own spread (Page 1954). While the baseline is
-/// being learned the test runs against zero, with the bias a depth source may have allowed for, so that an extrinsic
-/// that was wrong from the start is found too.
+/// axis (Page 1954) on the slope of the objective at the extrinsic, standardised by the vehicle's own spread. The slope is
+/// what moves first when an optimum moves, has light tails where the vertex of a parabola has heavy ones, and needs no
+/// curvature. While the baseline is being learned the pooled offset is tested against the bias that a depth source may
+/// have, so that an extrinsic that was wrong from the start is found too.
 class DriftMonitor {
  public:
   explicit DriftMonitor(const DriftSettings& settings, DriftState state = {});
@@ -92,7 +104,8 @@ class DriftMonitor {
 
   /// Misalignment estimated from the latest pairs (while there is a first sign of drift, from those since), against the
   /// baseline: each axis on its own, LiDAR frame (rad, m), so yaw and y, and pitch and z, each show much of the other.
-  /// Needs three pairs.
+  /// At most two stencil steps, beyond which it is "at least". An axis that is not observable is given as zero with a
+  /// sigma of these two steps. Needs three pairs and a baseline.
   struct Estimate {
     Vector6 delta, sigma;
   };
@@ -103,10 +116,11 @@ class DriftMonitor {
   [[nodiscard]] const DriftSettings& settings() const { return settings_; }
 
  private:
-  [[nodiscard]] Vector6 standardised(const AxisOffsets& offsets) const;
-  void accumulate(const Vector6& deviation, Timestamp stamp);
-  void learn(const Vector6& delta, double score);
+  [[nodiscard]] bool learned() const { return state_.baseline.pairs >= settings_.baseline_pairs; }
+  [[nodiscard]] double evidence() const;
+  void accumulate(const AxisEvidence& evidence);
   [[nodiscard]] DriftVerdict decide() const;
+  [[nodiscard]] DriftVerdict decide_from_start() const;
 
   DriftSettings settings_;
   DriftState state_;
