@@ -2,6 +2,7 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <cstdlib>
 #include <iostream>
 
 #include "calib/signature.hpp"
@@ -12,8 +13,17 @@ namespace {
 
 constexpr int exec_failed = 127;
 
+/// What systemd gives calibd.service and no shell has: without it, keys that a configuration may leave out would be missing.
+void set_unit_environment() {
+  constexpr int keep = 0;
+  ::setenv("STATE_DIRECTORY", "/var/lib/calibd", keep);
+  ::setenv("RUNTIME_DIRECTORY", "/run/calibd", keep);
+  ::setenv("CREDENTIALS_DIRECTORY", "/run/credentials/calibd.service", keep);
+}
+
 /// Becomes the calibd beside this program, or else the one in PATH. One parser reads configurations: calibd's.
 [[noreturn]] void become_calibd(const std::string& config_option) {
+  set_unit_environment();
   std::error_code ignored;
   const std::filesystem::path beside = std::filesystem::read_symlink("/proc/self/exe", ignored).replace_filename("calibd");
   ::execl(beside.c_str(), "calibd", "--check-config", config_option.c_str(), nullptr);

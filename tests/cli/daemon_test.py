@@ -1,0 +1,120 @@
+"""calibctl with the real calibd, which no sensor feeds: what it answers, and what it leaves."""
+
+import json
+import shutil
+import signal
+import subprocess
+import time
+
+import pytest
+
+from conftest import DONE, FAILED, NO, NOT_FOUND
+
+CONFIGURATION = """
+vehicle: demo-car
+state_dir: {folder}
+runtime_dir: {folder}
+signing_key: {folder}/signing.key
+dds: {{domain: {domain}, interface: lo}}
+sampling: {{period: 500ms, window: 200ms, max_time_difference: 50ms}}
+pairs:
+  - name: front
+    camera: {{image: /camera/left/image, right_image: /camera/right/image, model: rectified, size: [1242, 375],
+             intrinsics: [721.5377, 721.5377, 609.5593, 172.854], baseline_m: 0.5327}}
+    lidar: {{cloud: /lidar/points}}
+    T_camera_lidar: {{translation_m: [0.25, -0.08, 0.5], quaternion_xyzw: [0.5, -0.5, 0.5, -0.5]}}
+    depth: {{source: stereo}}
+    recalibration: {{mode: apply, frames: 25, max_rotation_deg: 5, max_translation_cm: 50}}
+"""
+
+
+@pytest.fixture
+def configuration(bare, dds_domain):
+    bare("keygen", "--out", bare.key)
+    file = bare.folder / "calibd.yaml"
+    file.write_text(CONFIGURATION.format(folder=bare.folder, domain=dds_domain))
+    return file
+
+
+@pytest.fixture
+def daemon(bare, bin_dir, configuration):
+    """A running calibd that answers."""
+    with open(bare.folder / "log", "wb") as log:
+        running = subprocess.Popen([bin_dir / "calibd", "--config", configuration], stderr=log, stdout=log)
+    try:
+        deadline = time.monotonic() + 30
+        while bare("status").exit != DONE:
+            log_text = (bare.folder / "log").read_text()
+            assert running.poll() is None and time.monotonic() < deadline, log_text
+            time.sleep(0.1)
+        yield running
+    finally:
+        running.kill()
+        running.wait()
+
+
+def test_status_of_a_pair_without_data_is_not_evaluated_and_its_record_verifies(bare, daemon, schema):
+    shown = bare("status", "--json")
+    assert shown.exit == DONE
+    status = json.loads(shown.out)
+    schema("status", status)
+    pair, = status["pairs"]
+    assert status["daemon"]["running"] is True and status["vehicle"] == "demo-car"
+    assert pair["verdict"] == "not_evaluated" and pair["reason"] != "" and pair["evaluated"] == 0
+    assert pair["record"]["verified"] is True and pair["record"]["verified_by"] == "calibctl"
+    assert bare("status", "--exit-code").exit == NO
+    assert bare("verify").exit == DONE
+    record = json.loads(bare("show", "--json").out)
+    schema("record", record)
+    assert record["decision"] == "initial" and record["asked_by"] == "configuration"
+
+
+@pytest.mark.parametrize("arguments, exit_code, words", [
+    (["recalibrate", "front"], FAILED, "pairs"), (["recalibrate", "front", "--dry-run"], FAILED, "pairs"),
+    (["recalibrate", "rear"], NOT_FOUND, "rear"), (["accept", "front"], NOT_FOUND, "propos"),
+    (["rollback", "front"], NOT_FOUND, "earlier"), (["rollback", "front", "--to", "9"], NOT_FOUND, "9")])
+def test_what_cannot_be_done_is_refused_with_its_reason(bare, daemon, arguments, exit_code, words):
+    refused = bare(*arguments)
+    assert refused.exit == exit_code and refused.out == "" and words in refused.err
+
+
+def test_rolling_back_is_recorded_with_who_asked(bare, daemon, schema):
+    done = bare("rollback", "front", "--to", "1")
+    assert done.exit == DONE and "rolled back" in done.out
+    record = json.loads(bare("show", "--json").out)
+    schema("record", record)
+    assert record["decision"] == "rolled_back" and record["asked_by"].startswith("uid:") and record["sequence"] == 2
+    assert json.loads(bare("status", "--json").out)["pairs"][0]["record"]["sequence"] == 2
+
+
+def test_a_killed_daemon_leaves_its_last_words(bare, daemon, schema):
+    daemon.send_signal(signal.SIGKILL)
+    daemon.wait()
+    shown = bare("status", "--json")
+    assert shown.exit == NOT_FOUND
+    status = json.loads(shown.out)
+    schema("status", status)
+    assert status["daemon"]["running"] is False
+    assert status["pairs"][0]["record"]["verified_by"] == "calibctl" and status["pairs"][0]["record"]["verified"]
+    assert bare("accept", "front").exit == NOT_FOUND
+
+
+def test_the_configuration_that_is_shipped_is_right_without_the_units_environment(bare, source_dir):
+    bare_shell = {"PATH": "/usr/bin:/bin"}
+    assert bare("check-config", source_dir / "systemd" / "calibd.yaml", env=bare_shell).exit == DONE
+
+
+def test_check_config_without_a_calibd_is_not_found(bare, tmp_path, configuration):
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    bare.program = shutil.copy(bare.program, alone)
+    missing = bare("check-config", configuration, env={"PATH": str(alone)})
+    assert missing.exit == NOT_FOUND and "no calibd" in missing.err
+
+
+def test_check_config_lets_calibd_read_the_file(bare, configuration):
+    assert bare("check-config", configuration).exit == DONE
+    configuration.write_text(configuration.read_text().replace("vehicle:", "vehikel:"))
+    wrong = bare("check-config", configuration)
+    assert wrong.exit == FAILED and "vehikel" in wrong.err and len(wrong.err.splitlines()) == 1
+    assert bare("check-config", bare.folder / "no such file").exit == FAILED
