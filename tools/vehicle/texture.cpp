@@ -73,10 +73,15 @@ float paving_albedo(float u, float v, float du, float dv, float stone) {
   return stone * (1 - 0.35f * std::max(joint_u, joint_v));
 }
 
+/// Dark marks in rows, some left out, like writing.
 float sign_albedo(Surface surface, float u, float v, float du, float dv) {
-  const float band = trait(surface, 1, 0.1f, 0.3f);
-  const float x = u - 0.45f * std::floor(u / 0.45f), y = v - 0.3f * std::floor(v / 0.3f);
-  return blend(0.8f, 0.12f, covered(x, band, band + 0.12f, du) * covered(y, 0.06f, 0.22f, dv));
+  constexpr float width = 0.12f, height = 0.2f;
+  const float column = std::floor(u / width), row = std::floor(v / height);
+  const std::uint64_t place =
+      mix(surface.seed, static_cast<std::uint64_t>(column + 1024), static_cast<std::uint64_t>(row + 1024));
+  if (unit(place) < 0.3f) return 0.8f;
+  const float x = u - width * column, y = v - height * row;
+  return blend(0.8f, 0.12f, covered(x, 0.02f, 0.1f, du) * covered(y, 0.05f, 0.16f, dv));
 }
 
 }  // namespace
@@ -168,7 +173,7 @@ float albedo(const NoiseTexture& noise, Surface surface, float u, float v, float
     case Material::glass:
       return rough(0.08f, 0.5f);
     case Material::rubber:
-      return rough(0.05f, 0.3f);
+      return rough(0.08f, 0.5f);
     case Material::bark:
       return rough(0.2f, 0.4f);
     case Material::leaves:
@@ -178,7 +183,7 @@ float albedo(const NoiseTexture& noise, Surface surface, float u, float v, float
     case Material::cloth:
       return rough(trait(surface, 0, 0.08f, 0.7f), 0.3f);
     case Material::shadow:
-      return rough(0.07f, 0.3f);
+      return rough(0.12f, 0.45f);
   }
   return 0;
 }
