@@ -23,16 +23,34 @@ std::uint8_t rank_of(float value, const std::vector<float>& limits) {
   return static_cast<std::uint8_t>(std::ranges::lower_bound(limits, value) - limits.begin());
 }
 
-std::vector<std::uint8_t> rank_depth(const DepthMap& depth) {
+/// From depth along the optical axis to distance along the ray, which is what the LiDAR's range compares to: without this,
+/// the relation between the two would change from the middle of the image to its edges. The values are the negative
+/// inverse distance, so that they grow with it; none where there is no depth.
+std::vector<float> ray_distance(const DepthMap& depth, const Camera& camera) {
+  std::vector<float> distance(depth.inverse_depth.size());
+  for (int v = 0; v < depth.height; ++v) {
+    const double y = (v - camera.cy()) / camera.fy();
+    for (int u = 0; u < depth.width; ++u) {
+      const double x = (u - camera.cx()) / camera.fx();
+      const std::size_t i = static_cast<std::size_t>(v) * depth.width + u;
+      distance[i] = -depth.inverse_depth[i] / static_cast<float>(std::sqrt(1 + x * x + y * y));
+    }
+  }
+  return distance;
+}
+
+std::vector<std::uint8_t> rank_depth(const DepthMap& depth, const Camera& camera) {
+  const std::vector<float> distance = ray_distance(depth, camera);
+  const auto known = [&](std::size_t i) { return depth.inverse_depth[i] > DepthMap::no_depth; };
   std::vector<float> sample;
-  const std::size_t stride = depth.inverse_depth.size() / 65536 + 1;
-  for (std::size_t i = 0; i < depth.inverse_depth.size(); i += stride)
-    if (depth.inverse_depth[i] > DepthMap::no_depth) sample.push_back(-depth.inverse_depth[i]);
-  std::vector<std::uint8_t> ranks(depth.inverse_depth.size(), FeatureSet::no_depth);
+  const std::size_t stride = distance.size() / 65536 + 1;
+  for (std::size_t i = 0; i < distance.size(); i += stride)
+    if (known(i)) sample.push_back(distance[i]);
+  std::vector<std::uint8_t> ranks(distance.size(), FeatureSet::no_depth);
   if (sample.empty()) return ranks;
   const std::vector<float> limits = equal_population_limits(std::move(sample));
   for (std::size_t i = 0; i < ranks.size(); ++i)
-    if (depth.inverse_depth[i] > DepthMap::no_depth) ranks[i] = rank_of(-depth.inverse_depth[i], limits);
+    if (known(i)) ranks[i] = rank_of(distance[i], limits);
   return ranks;
 }
 
@@ -108,7 +126,8 @@ Result<FeatureSet> make_features(const DepthMap& depth, const LidarScan& scan, c
   features.fy = static_cast<float>(camera.fy());
   features.cx = static_cast<float>(camera.cx());
   features.cy = static_cast<float>(camera.cy());
-  features.depth_rank = rank_depth(camera.model() == CameraModel::rectified ? depth : rectify(depth, camera));
+  features.depth_rank =
+      rank_depth(camera.model() == CameraModel::rectified ? depth : rectify(depth, camera), camera);
 
   keep_points_near_frustum(scan, T_camera_lidar, bounds, features);
   rank_ranges(features);
