@@ -42,11 +42,11 @@ struct DriftSettings {
   /// Pairs from which the extrinsic's own slopes and their spread are learned after it was accepted, before there is a
   /// verdict; as long as nothing speaks of drift, learning goes on to `max_baseline_pairs`.
   int baseline_pairs = 20, max_baseline_pairs = 100;
-  /// CUSUM reference value and decision limit, in standard deviations of one pair. With k = 1, h = 8 a one-sided test
-  /// of independent normal values has an average run length of 4.6e7 pairs to a false alarm (Siegmund 1985); a shift of
-  /// three standard deviations takes four pairs. What is not sure of the baseline's mean, 1 / sqrt(pairs) standard
-  /// deviations, is added to k one and a half times.
-  double cusum_k = 1, cusum_h = 8;
+  /// CUSUM reference value and decision limit, in standard deviations of one pair. With k = 1.25, h = 10 independent
+  /// normal values raise no false alarm in a vehicle's life (average run length 4e11, Siegmund 1985); real ones are
+  /// heavier-tailed and the baseline comes of few pairs, which decides the true rate. A shift of four standard deviations
+  /// takes four pairs. What is not sure of the baseline's mean, 1 / sqrt(pairs) deviations, is added to k 1.5 times.
+  double cusum_k = 1.25, cusum_h = 10;
   /// One pair counts for no more than this: a single bad frame must not decide.
   double max_deviation = 4;
   /// A depth source shifts the optimum by a constant. While the baseline is learned, an offset within these limits is
