@@ -166,6 +166,10 @@ PairConfig read_pair(const ConfigNode& node) {
                   .depth = read_depth(node.at("depth")),
                   .drift = {},
                   .recalibration = {}};
+  if (pair.depth == DepthSource::stereo && pair.camera.camera.model() != CameraModel::rectified)
+    node.at("camera").at("model").refuse(
+        "depth from stereo needs rectified images; write rectified, and the topics "
+        "of rectified images");
   if (!is_name(pair.name, "_-")) node.at("name").refuse("a pair is named with 1 .. 64 of a-z, 0-9, _ and -");
   if (const auto drift = node.find("drift")) pair.drift = read_drift(*drift);
   if (const auto recalibration = node.find("recalibration"))

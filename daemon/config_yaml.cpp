@@ -156,7 +156,8 @@ std::vector<double> ConfigNode::numbers(std::size_t count, double min, double ma
 std::chrono::nanoseconds ConfigNode::duration(std::chrono::nanoseconds min,
                                               std::chrono::nanoseconds max) const {
   constexpr std::string_view needed = "a duration such as 500ms, 10s or 2min";
-  const std::string text = plain_scalar(needed);
+  if (!node_.IsScalar()) refuse(fmt::format("needs {}", needed));
+  const std::string& text = node_.Scalar();
   const auto unit = std::ranges::find_if(units, [&](const Unit& u) { return text.ends_with(u.name); });
   if (unit == units.end()) refuse(fmt::format("needs {}", needed));
   const auto value = parse_number<double>(std::string_view(text).substr(0, text.size() - unit->name.size()));

@@ -33,10 +33,10 @@ pairs:
       right_image: /right/image
       info: /left/camera_info
       frame_id: camera_left/optical
-      model: plumb_bob
+      model: rectified
       size: [1242, 375]
       intrinsics: [721.5, 722, 609.5, 172.8]
-      distortion: [-0.3, 0.1, 0.001, 0.002, 0]
+      distortion: []
       baseline_m: 0.5327
     lidar:
       cloud: /lidar/points
@@ -105,12 +105,12 @@ TEST_CASE("every key is read, into SI units") {
   CHECK(pair.camera.right_image == "/right/image");
   CHECK(pair.camera.info == "/left/camera_info");
   CHECK(pair.camera.frame_id == "camera_left/optical");
-  CHECK(pair.camera.camera.model() == CameraModel::plumb_bob);
+  CHECK(pair.camera.camera.model() == CameraModel::rectified);
   CHECK(pair.camera.camera.width() == 1242);
   CHECK(pair.camera.camera.height() == 375);
   CHECK(pair.camera.camera.fy() == 722);
   CHECK(pair.camera.camera.cy() == 172.8);
-  CHECK(pair.camera.camera.distortion() == std::vector{-0.3, 0.1, 0.001, 0.002, 0.0});
+  CHECK(pair.camera.camera.distortion().empty());
   CHECK(pair.camera.baseline_m == 0.5327);
   CHECK(pair.lidar.cloud == "/lidar/points");
   CHECK(pair.lidar.frame_id == "lidar_top");
@@ -142,6 +142,10 @@ TEST_CASE("what is not given has the documented default") {
   CHECK(pair.recalibration.frames == 25);
   CHECK(pair.recalibration.max_rotation_rad == Approx(5 * radians_per_degree));
   CHECK(pair.recalibration.max_translation_m == Approx(0.5));
+}
+
+TEST_CASE("a duration may be quoted, as JSON does") {
+  CHECK(require_ok(parse("sampling: {\"period\": \"500ms\"}\n" + least)).sampling.period == 500ms);
 }
 
 TEST_CASE("a default window is no longer than the period") {
@@ -197,7 +201,7 @@ TEST_CASE("a wrong value is refused with its file, line and key") {
       {"/right/image", "/left/image", "c.yaml:16: pairs[0].camera.right_image: is the same topic"},
       {"info: /left/camera_info", "info: 'dds:'", "c.yaml:17: pairs[0].camera.info: "},
       {"camera_left/optical", "camera left", "c.yaml:18: pairs[0].camera.frame_id: "},
-      {"model: plumb_bob", "model: fishy", "c.yaml:19: pairs[0].camera.model: "},
+      {"model: rectified", "model: fishy", "c.yaml:19: pairs[0].camera.model: "},
       {"[1242, 375]", "[1242]", "c.yaml:20: pairs[0].camera.size: needs width and height"},
       {"[1242, 375]", "1242x375", "c.yaml:20: pairs[0].camera.size: needs a list"},
       {"[1242, 375]", "[1242, 8]", "c.yaml:20: pairs[0].camera.size[1]: 8 is outside"},
@@ -207,9 +211,10 @@ TEST_CASE("a wrong value is refused with its file, line and key") {
       {"721.5, 722", "721.5, .nan", "c.yaml:21: pairs[0].camera.intrinsics[1]: needs a number"},
       {"721.5, 722", "721.5, inf", "c.yaml:21: pairs[0].camera.intrinsics[1]: needs a number"},
       {"721.5, 722", "721.5, 0.5", "c.yaml:21: pairs[0].camera.intrinsics: focal length"},
-      {"[-0.3, 0.1, 0.001, 0.002, 0]", "[-0.3]", "c.yaml:22: pairs[0].camera.distortion: "},
-      {"[-0.3, 0.1, 0.001, 0.002, 0]", "none", "c.yaml:22: pairs[0].camera.distortion: needs a list"},
-      {"model: plumb_bob", "model: rectified", "c.yaml:22: pairs[0].camera.distortion: "},
+      {"distortion: []", "distortion: [-0.3]", "c.yaml:22: pairs[0].camera.distortion: model rectified"},
+      {"distortion: []", "distortion: none", "c.yaml:22: pairs[0].camera.distortion: needs a list"},
+      {"model: rectified", "model: plumb_bob",
+       "c.yaml:22: pairs[0].camera.distortion: model plumb_bob needs"},
       {"0.5327", "0", "c.yaml:23: pairs[0].camera.baseline_m: 0 is outside 0.01 .. 10"},
       {"/lidar/points", "/lidar/", "c.yaml:25: pairs[0].lidar.cloud: "},
       {"lidar_top", "''", "c.yaml:26: pairs[0].lidar.frame_id: "},
@@ -232,6 +237,14 @@ TEST_CASE("a wrong value is refused with its file, line and key") {
     INFO(wrong.what << " -> " << wrong.instead);
     CHECK_THAT(refusal(with(wrong.what, wrong.instead)), Catch::Matchers::StartsWith(wrong.refusal));
   }
+}
+
+TEST_CASE(
+    "stereo depth of an image that is not rectified is refused at once, not when the first pair arrives") {
+  std::string yaml = with("model: rectified", "model: plumb_bob");
+  yaml.replace(yaml.find("distortion: []"), 14, "distortion: [-0.3, 0.1, 0.001, 0.002, 0]");
+  CHECK_THAT(refusal(yaml),
+             Catch::Matchers::StartsWith("c.yaml:19: pairs[0].camera.model: depth from stereo needs"));
 }
 
 TEST_CASE("an unknown key is refused with its line, in every mapping") {
@@ -267,7 +280,7 @@ TEST_CASE("a missing key is refused, with the line of the mapping that lacks it"
       {"name: front\n    camera:", "pairs[0].name: missing"},
       {"      image: /left/image\n", "pairs[0].camera.image: missing"},
       {"      right_image: /right/image\n", "pairs[0].camera.right_image: missing"},
-      {"      model: plumb_bob\n", "pairs[0].camera.model: missing"},
+      {"      model: rectified\n", "pairs[0].camera.model: missing"},
       {"      size: [1242, 375]\n", "pairs[0].camera.size: missing"},
       {"      intrinsics: [721.5, 722, 609.5, 172.8]\n", "pairs[0].camera.intrinsics: missing"},
       {"      baseline_m: 0.5327\n", "pairs[0].camera.baseline_m: missing"},
