@@ -92,7 +92,7 @@ def test_package_holds_what_is_installed(bin_dir, tmp_path):
     (package,) = tmp_path.glob("*.deb")
     fields = run("dpkg-deb", "-f", package).stdout
     assert re.search(r"^Package: calibd$", fields, re.MULTILINE)
-    assert re.search(r"^Depends:.*cycloned", fields, re.MULTILINE | re.IGNORECASE), fields
+    assert re.search(r"^Depends:.*\blibddsc", fields, re.MULTILINE), fields
     names = run("dpkg-deb", "-c", package).stdout
     for path in ("./etc/calibd/calibd.yaml", "./usr/sbin/calibd", "./usr/lib/systemd/system/calibd.service"):
         assert re.search(rf" {re.escape(path)}$", names, re.MULTILINE), names
