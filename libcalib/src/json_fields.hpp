@@ -7,12 +7,13 @@
 
 #include "calib/geometry.hpp"
 
-// What the JSON forms of records and status share. Private to libcalib: the readers throw what nlohmann throws (or
-// std::invalid_argument), and whoever calls them turns that into a Result before it leaves the library.
+// What the JSON forms of records and status share. Private to libcalib: the readers throw what nlohmann
+// throws (or std::invalid_argument), and whoever calls them turns that into a Result before it leaves the
+// library.
 namespace calib::json_fields {
 
-/// `json` as text: keys sorted by their bytes, no white space, numbers as the shortest text that reads back as the same
-/// value, written as Python writes them (`1.0`, `1e-05`), so that `json.dumps(x, sort_keys=True,
+/// `json` as text: keys sorted by their bytes, no white space, numbers as the shortest text that reads back
+/// as the same value, written as Python writes them (`1.0`, `1e-05`), so that `json.dumps(x, sort_keys=True,
 /// separators=(",", ":"), ensure_ascii=False)` gives the same bytes. Numbers that are not finite become null.
 [[nodiscard]] std::string canonical_text(const nlohmann::json& json);
 

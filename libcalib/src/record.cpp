@@ -122,7 +122,8 @@ WallTime wall_time_from(const std::string& text) {
 
 CalibrationRecord record_from(const json& object) {
   constexpr std::size_t field_count = 19;
-  require(object.at("schema").get_ref<const std::uint64_t&>() == 1, "the schema is not 1, the only one this program knows");
+  require(object.at("schema").get_ref<const std::uint64_t&>() == 1,
+          "the schema is not 1, the only one this program knows");
   CalibrationRecord record;
   record.vehicle = text_at(object, "vehicle");
   record.pair = text_at(object, "pair");
@@ -158,11 +159,16 @@ std::string trusted_comment(const CalibrationRecord& record) {
 
 std::string_view to_string(Decision decision) {
   switch (decision) {
-    case Decision::initial: return "initial";
-    case Decision::accepted: return "accepted";
-    case Decision::proposed: return "proposed";
-    case Decision::rejected: return "rejected";
-    case Decision::rolled_back: return "rolled_back";
+    case Decision::initial:
+      return "initial";
+    case Decision::accepted:
+      return "accepted";
+    case Decision::proposed:
+      return "proposed";
+    case Decision::rejected:
+      return "rejected";
+    case Decision::rolled_back:
+      return "rolled_back";
   }
   return "";
 }
@@ -214,7 +220,8 @@ Result<CalibrationRecord> verify_record(const SignedRecord& record, const Public
                                     " where record " + std::to_string(expected_sequence) + " should be");
   if (parsed->previous_sha256 != expected_previous_sha256)
     return fail("broken_chain", "it follows a record with SHA-256 " + parsed->previous_sha256 +
-                                    ", but the record before it has " + std::string(expected_previous_sha256));
+                                    ", but the record before it has " +
+                                    std::string(expected_previous_sha256));
   return parsed;
 }
 

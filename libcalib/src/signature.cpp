@@ -63,8 +63,8 @@ std::string to_base64(const std::uint8_t* bytes, std::size_t size) {
   return text;
 }
 
-/// True when `text` is the base64 of exactly `size` bytes, which are then in `out`. Only the one text that they are
-/// written as: libsodium 1.0.18 also reads '+' and '/' with their top bit set.
+/// True when `text` is the base64 of exactly `size` bytes, which are then in `out`. Only the one text that
+/// they are written as: libsodium 1.0.18 also reads '+' and '/' with their top bit set.
 bool from_base64(std::string_view text, std::uint8_t* out, std::size_t size) {
   std::size_t length = 0;
   const char* end = nullptr;
@@ -95,9 +95,9 @@ Error os_error(std::string code, const std::filesystem::path& file) {
   return {std::move(code), file.string() + ": " + std::strerror(errno)};
 }
 
-/// The content of a small file, read without a buffer that nobody wipes. `require_private` refuses a file that
-/// everybody may read or write: group bits may be set, because systemd's credentials carry the mask of an access
-/// list there.
+/// The content of a small file, read without a buffer that nobody wipes. `require_private` refuses a file
+/// that everybody may read or write: group bits may be set, because systemd's credentials carry the mask of
+/// an access list there.
 Result<Secret> read_key_file(const std::filesystem::path& file, bool require_private) {
   const FileDescriptor descriptor{::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK)};
   struct stat about {};
@@ -155,8 +155,9 @@ Result<SigningKey> SigningKey::load(const std::filesystem::path& file) {
       !std::equal(key_algorithm.begin(), key_algorithm.end(), raw.bytes.begin()))
     return fail("bad_key", file.string() + " is not a minisign secret key");
   if (!std::equal(no_key_derivation.begin(), no_key_derivation.end(), raw.bytes.begin() + 2))
-    return fail("bad_key", file.string() + " is protected by a password, which a daemon cannot type; make one "
-                                           "with `calibctl keygen` or `minisign -G -W`");
+    return fail("bad_key", file.string() +
+                               " is protected by a password, which a daemon cannot type; make one "
+                               "with `calibctl keygen` or `minisign -G -W`");
   SigningKey key;
   std::copy_n(raw.bytes.begin() + secret_id_at, key.id_.size(), key.id_.begin());
   std::copy_n(raw.bytes.begin() + secret_key_at, key.secret_.size(), key.secret_.begin());
@@ -179,20 +180,21 @@ Result<void> SigningKey::save(const std::filesystem::path& file) const {
   std::string secret_text = to_base64(raw.bytes.data(), raw.bytes.size());
   std::string secret_file;
   secret_file.reserve(512);  // growing would leave copies of the key behind
-  secret_file.append(untrusted_prefix).append("calibd signing key, keep it secret\n").append(secret_text) += '\n';
+  secret_file.append(untrusted_prefix).append("calibd signing key, keep it secret\n").append(secret_text) +=
+      '\n';
 
   const PublicKey half = public_key();
   std::array<std::uint8_t, public_key_bytes> public_raw;
   const auto after_algorithm = std::copy(key_algorithm.begin(), key_algorithm.end(), public_raw.begin());
   std::copy(half.key.begin(), half.key.end(), std::copy(half.id.begin(), half.id.end(), after_algorithm));
-  const std::string public_file = std::string(untrusted_prefix) + "minisign public key " + half.id_text() + '\n' +
-                                  to_base64(public_raw.data(), public_raw.size()) + '\n';
+  const std::string public_file = std::string(untrusted_prefix) + "minisign public key " + half.id_text() +
+                                  '\n' + to_base64(public_raw.data(), public_raw.size()) + '\n';
 
   std::filesystem::path public_path = file;
   public_path.replace_extension(".pub");
-  Result<void> written = public_path == file
-                             ? fail("bad_name", file.string() + " is the name of the public key; choose another")
-                             : write_new_file(file, secret_file, 0600);
+  Result<void> written =
+      public_path == file ? fail("bad_name", file.string() + " is the name of the public key; choose another")
+                          : write_new_file(file, secret_file, 0600);
   sodium_memzero(secret_text.data(), secret_text.size());
   sodium_memzero(secret_file.data(), secret_file.size());
   if (!written) return written;
@@ -212,7 +214,8 @@ std::string SigningKey::sign(std::string_view bytes, std::string_view trusted_co
   std::array<std::uint8_t, crypto_generichash_BYTES_MAX> hash;
   crypto_generichash(hash.data(), hash.size(), as_bytes(bytes), bytes.size(), nullptr, 0);
   std::array<std::uint8_t, signature_bytes> block;
-  const auto after_algorithm = std::copy(signature_algorithm.begin(), signature_algorithm.end(), block.begin());
+  const auto after_algorithm =
+      std::copy(signature_algorithm.begin(), signature_algorithm.end(), block.begin());
   std::uint8_t* const signature = &*std::copy(id_.begin(), id_.end(), after_algorithm);
   crypto_sign_detached(signature, nullptr, hash.data(), hash.size(), secret_.data());
 
@@ -265,7 +268,8 @@ Result<void> verify_signature(std::string_view bytes, std::string_view signature
   std::array<std::uint8_t, signature_bytes> block;
   std::array<std::uint8_t, crypto_sign_BYTES> global;
   if (lines.size() != 4 || !lines[0].starts_with(untrusted_prefix) || !lines[2].starts_with(trusted_prefix) ||
-      !from_base64(lines[1], block.data(), block.size()) || !from_base64(lines[3], global.data(), global.size()) ||
+      !from_base64(lines[1], block.data(), block.size()) ||
+      !from_base64(lines[3], global.data(), global.size()) ||
       !std::equal(signature_algorithm.begin(), signature_algorithm.end(), block.begin()))
     return fail("bad_signature", "the signature is not a minisign signature file of a hashed (ED) signature");
 

@@ -27,7 +27,9 @@ json input_json(const PairStatus::Input& input) {
 
 json misalignment_json(const PairStatus::Misalignment& misalignment) {
   const Vector6 &delta = misalignment.delta, &sigma = misalignment.sigma;
-  const auto degrees = [](const Vector6& v) { return json_fields::array_of<3>(v.head<3>() / radians_per_degree); };
+  const auto degrees = [](const Vector6& v) {
+    return json_fields::array_of<3>(v.head<3>() / radians_per_degree);
+  };
   const auto cm = [](const Vector6& v) { return json_fields::array_of<3>(v.tail<3>() * cm_per_m); };
   return {{"rotation_deg", degrees(delta)},
           {"translation_cm", cm(delta)},
@@ -142,16 +144,21 @@ PairStatus pair_from(const json& object) {
 
 std::string_view to_string(Verdict verdict) {
   switch (verdict) {
-    case Verdict::not_evaluated: return "not_evaluated";
-    case Verdict::calibrated: return "calibrated";
-    case Verdict::suspect: return "suspect";
-    case Verdict::drifted: return "drifted";
+    case Verdict::not_evaluated:
+      return "not_evaluated";
+    case Verdict::calibrated:
+      return "calibrated";
+    case Verdict::suspect:
+      return "suspect";
+    case Verdict::drifted:
+      return "drifted";
   }
   return "";
 }
 
 Result<Verdict> parse_verdict(std::string_view text) {
-  const auto found = std::ranges::find_if(verdicts, [&](Verdict verdict) { return to_string(verdict) == text; });
+  const auto found =
+      std::ranges::find_if(verdicts, [&](Verdict verdict) { return to_string(verdict) == text; });
   if (found == verdicts.end()) return fail("bad_verdict", "'" + std::string(text) + "' is not a verdict");
   return *found;
 }
@@ -159,11 +166,12 @@ Result<Verdict> parse_verdict(std::string_view text) {
 json to_json(const Status& status) {
   json pairs = json::array();
   for (const PairStatus& pair : status.pairs) pairs.push_back(pair_json(pair));
-  return {{"schema", 1},
-          {"vehicle", status.vehicle},
-          {"daemon", {{"running", status.running}, {"version", status.version}, {"uptime_s", status.uptime_s}}},
-          {"pairs", pairs},
-          {"feed", {{"queued", status.feed_queued}}}};
+  return {
+      {"schema", 1},
+      {"vehicle", status.vehicle},
+      {"daemon", {{"running", status.running}, {"version", status.version}, {"uptime_s", status.uptime_s}}},
+      {"pairs", pairs},
+      {"feed", {{"queued", status.feed_queued}}}};
 }
 
 Result<Status> parse_status(const json& object) {

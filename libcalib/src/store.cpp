@@ -11,7 +11,10 @@ constexpr int busy_timeout_ms = 5000;
 // AUTOINCREMENT keeps the highest alert sequence ever given, also when the outbox is empty again.
 constexpr const char* schema = R"sql(
   CREATE TABLE record(
-    sequence INTEGER PRIMARY KEY, pair TEXT NOT NULL, canonical TEXT NOT NULL, signature TEXT NOT NULL) STRICT;
+    sequence INTEGER PRIMARY KEY,
+    pair TEXT NOT NULL,
+    canonical TEXT NOT NULL,
+    signature TEXT NOT NULL) STRICT;
   CREATE TABLE state(pair TEXT PRIMARY KEY, json TEXT NOT NULL) STRICT;
   CREATE TABLE outbox(sequence INTEGER PRIMARY KEY AUTOINCREMENT, json TEXT NOT NULL) STRICT;
   PRAGMA user_version = 1;
@@ -44,7 +47,8 @@ class Statement {
   }
   Statement& bind(std::string_view text) {
     // A null pointer would bind NULL; an empty text is text.
-    sqlite3_bind_text64(statement_, ++bound_, text.data() ? text.data() : "", text.size(), SQLITE_STATIC, SQLITE_UTF8);
+    sqlite3_bind_text64(statement_, ++bound_, text.data() ? text.data() : "", text.size(), SQLITE_STATIC,
+                        SQLITE_UTF8);
     return *this;
   }
   /// True when there is a row to read.
@@ -63,7 +67,8 @@ class Statement {
   }
   [[nodiscard]] std::string text(int column) const {
     const auto* const bytes = reinterpret_cast<const char*>(sqlite3_column_text(statement_, column));
-    return bytes ? std::string(bytes, static_cast<std::size_t>(sqlite3_column_bytes(statement_, column))) : "";
+    return bytes ? std::string(bytes, static_cast<std::size_t>(sqlite3_column_bytes(statement_, column)))
+                 : "";
   }
 
  private:
@@ -82,16 +87,17 @@ Result<std::uint64_t> single_number(sqlite3* database, const char* sql) {
 
 Result<void> prepare_for_writing(sqlite3* database) {
   // FULL: in WAL mode, NORMAL may lose the last commits when the power fails.
-  if (const auto set = run(database, "PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL"); !set) return set;
-  // A reader without write permission cannot make the log files anew, so they outlive the writer; but empty, or they
-  // would be taken for the log of another file that is put in this one's place while nobody writes.
+  if (const auto set = run(database, "PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL"); !set)
+    return set;
+  // A reader without write permission cannot make the log files anew, so they outlive the writer; but empty,
+  // or they would be taken for the log of another file that is put in this one's place while nobody writes.
   if (const auto set = run(database, "PRAGMA journal_size_limit = 0"); !set) return set;
   int persist = 1;
   sqlite3_file_control(database, "main", SQLITE_FCNTL_PERSIST_WAL, &persist);
   return {};
 }
 
-/// Alerts leave the outbox oldest first, so those that wait are consecutive and need not be counted one by one.
+/// Alerts leave the outbox oldest first: those that wait are consecutive and need no counting one by one.
 constexpr const char* count_waiting =
     "SELECT (SELECT max(sequence) FROM outbox) - (SELECT min(sequence) FROM outbox) + 1";
 
@@ -102,10 +108,12 @@ void Store::Close::operator()(sqlite3* database) const { sqlite3_close_v2(databa
 Result<Store> Store::open(const std::filesystem::path& file, Mode mode) {
   std::error_code ignored;
   if (mode == Mode::read_only && !std::filesystem::exists(file, ignored))
-    return fail("store_not_found", file.string() + " does not exist or may not be looked up; has calibd run?");
+    return fail("store_not_found",
+                file.string() + " does not exist or may not be looked up; has calibd run?");
 
   sqlite3* opened = nullptr;
-  const int access = mode == Mode::read_only ? SQLITE_OPEN_READONLY : SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE;
+  const int access =
+      mode == Mode::read_only ? SQLITE_OPEN_READONLY : SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE;
   const int code = sqlite3_open_v2(file.c_str(), &opened, access, nullptr);
   Store store;
   store.database_.reset(opened);
@@ -121,7 +129,8 @@ Result<Store> Store::open(const std::filesystem::path& file, Mode mode) {
     const auto version = single_number(opened, "PRAGMA user_version");
     if (!version) return tl::unexpected(version.error());
     if (*version == 0 && mode == Mode::read_write) return run(opened, schema);
-    if (*version == 0) return fail("store_not_found", file.string() + " is empty: calibd has not started with it");
+    if (*version == 0)
+      return fail("store_not_found", file.string() + " is empty: calibd has not started with it");
     if (*version != schema_version)
       return fail("store_version", file.string() + " has schema version " + std::to_string(*version) +
                                        ", this program knows " + std::to_string(schema_version) +
@@ -154,7 +163,8 @@ Result<void> Store::append_record(std::uint64_t sequence, std::string_view pair,
                    "WHERE ?1 = (SELECT coalesce(max(sequence), 0) + 1 FROM record)");
   const auto done = insert.bind(sequence).bind(pair).bind(record.canonical).bind(record.signature).execute();
   if (done && sqlite3_changes(database_.get()) == 0)
-    return fail("broken_chain", "record " + std::to_string(sequence) + " does not follow the last one of the store");
+    return fail("broken_chain",
+                "record " + std::to_string(sequence) + " does not follow the last one of the store");
   return done;
 }
 
@@ -192,8 +202,9 @@ Result<std::uint64_t> Store::enqueue_alert(std::string_view json) {
   const auto waiting = waiting_alert_count();
   if (!waiting) return waiting;
   if (*waiting >= max_waiting_alerts)
-    return fail("feed_full", std::to_string(*waiting) + " alerts wait for delivery and no more are kept; let the feed "
-                             "deliver them, or move the store away with calibd stopped");
+    return fail("feed_full", std::to_string(*waiting) +
+                                 " alerts wait for delivery and no more are kept; let the feed "
+                                 "deliver them, or move the store away with calibd stopped");
   Statement insert(database_.get(), "INSERT INTO outbox(json) VALUES(?)");
   const auto done = insert.bind(json).execute();
   if (!done) return tl::unexpected(done.error());
@@ -212,7 +223,9 @@ Result<std::vector<Store::Alert>> Store::waiting_alerts(std::size_t limit) const
   }
 }
 
-Result<std::uint64_t> Store::waiting_alert_count() const { return single_number(database_.get(), count_waiting); }
+Result<std::uint64_t> Store::waiting_alert_count() const {
+  return single_number(database_.get(), count_waiting);
+}
 
 Result<void> Store::alerts_delivered(std::uint64_t sequence) {
   Statement erase(database_.get(), "DELETE FROM outbox WHERE sequence <= ?");

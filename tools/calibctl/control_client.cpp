@@ -33,7 +33,8 @@ Result<FileDescriptor> connect_to(const std::filesystem::path& path) {
     return fail("bad_socket", path.string() + " is too long for the name of a socket");
   std::memcpy(address.sun_path, path.c_str(), path.native().size());
   FileDescriptor socket(::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0));
-  if (::connect(socket.number, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0) return socket;
+  if (::connect(socket.number, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0)
+    return socket;
   const std::string why = path.string() + ": " + std::strerror(errno);
   if (errno == ENOENT || errno == ECONNREFUSED || errno == ENOTDIR)
     return fail("daemon_not_running", "calibd does not run: " + why);

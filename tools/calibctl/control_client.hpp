@@ -9,9 +9,9 @@
 
 namespace calib::ctl {
 
-/// Asks calibd one question (proto/control.md) and returns its reply, an object with "ok": true. `waiting` is called about
-/// once a second while there is no reply. Fails with `daemon_not_running`, `denied`, `no_answer`, `malformed_reply`, or
-/// with the code of calibd's refusal.
+/// Asks calibd one question (proto/control.md) and returns its reply, an object with "ok": true. `waiting` is
+/// called about once a second while there is no reply. Fails with `daemon_not_running`, `denied`,
+/// `no_answer`, `malformed_reply`, or with the code of calibd's refusal.
 [[nodiscard]] Result<nlohmann::json> ask(const std::filesystem::path& socket, const nlohmann::json& question,
                                          std::chrono::seconds patience,
                                          const std::function<void(std::chrono::seconds)>& waiting);

@@ -44,8 +44,9 @@ RecordCheck check(const PairStatus& pair, const VerifiedRecords& verified) {
   if (record.pair != pair.name)
     return {true, false, "record " + std::to_string(sequence) + " is of pair " + record.pair};
   if (record.decision == Decision::rejected || record.decision == Decision::proposed)
-    return {true, false, "record " + std::to_string(sequence) + " puts nothing in force: it is " +
-                             std::string(to_string(record.decision))};
+    return {true, false,
+            "record " + std::to_string(sequence) + " puts nothing in force: it is " +
+                std::string(to_string(record.decision))};
   if (!same(record.T_camera_lidar, pair.T_camera_lidar))
     return {true, false, "the extrinsic in use is not the one of record " + std::to_string(sequence)};
   return {true, true, "verified"};

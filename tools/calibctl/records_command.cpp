@@ -31,9 +31,10 @@ Result<Chain> read_chain(const Places& places) {
   const auto stored = store->record_count();
   if (!stored) return tl::unexpected(stored.error());
   Chain chain{*key, {}, *stored, std::nullopt};
-  const auto all = visit_verified(*store, *key, [&](const CalibrationRecord& record, const SignedRecord& bytes) {
-    chain.verified.push_back({record, bytes});
-  });
+  const auto all =
+      visit_verified(*store, *key, [&](const CalibrationRecord& record, const SignedRecord& bytes) {
+        chain.verified.push_back({record, bytes});
+      });
   if (!all && all.error().code == "store_failed") return tl::unexpected(all.error());
   if (!all) chain.broken = all.error();
   if (chain.stored == 0) return fail("record_not_found", "the store holds no records yet");
@@ -47,8 +48,9 @@ RigidTransform change(const CalibrationRecord& record) {
 std::string history_line(const CalibrationRecord& record) {
   std::string number = std::to_string(record.sequence);
   if (number.size() < 6) number.insert(0, 6 - number.size(), ' ');
-  return number + "  " + rfc3339(record.wall_time) + "  " + record.pair + "  " + std::string(to_string(record.decision)) +
-         ", changed by " + how_far(change(record)) + ", asked by " + record.asked_by + ": " + record.reason;
+  return number + "  " + rfc3339(record.wall_time) + "  " + record.pair + "  " +
+         std::string(to_string(record.decision)) + ", changed by " + how_far(change(record)) + ", asked by " +
+         record.asked_by + ": " + record.reason;
 }
 
 std::string score_words(double before, double after) {
@@ -64,7 +66,8 @@ std::string record_text(const CalibrationRecord& record, const PublicKey& key) {
   text.line("Reason", record.reason);
   text.line("Asked by", record.asked_by);
   text.line("Decided", rfc3339(record.wall_time));
-  text.line("", decimals(std::chrono::duration<double>(record.boot_time).count(), 3) + " s after boot " + record.boot_id);
+  text.line("", decimals(std::chrono::duration<double>(record.boot_time).count(), 3) + " s after boot " +
+                    record.boot_id);
   text.transform("Extrinsic", record.T_camera_lidar);
   text.transform("Before", record.T_camera_lidar_before);
   text.line("Change", how_far(change(record)));
@@ -114,8 +117,10 @@ Result<VerifiedRecord> read_exported(const std::filesystem::path& file, const Pu
   if (!canonical) return tl::unexpected(canonical.error());
   const auto signature = read_text_file(file.string() + ".minisig");
   if (!signature) return tl::unexpected(signature.error());
-  const auto record = verify_signature(*canonical, *signature, key).and_then([&] { return parse_record(*canonical); });
-  if (!record) return fail(record.error().code, file.string() + " does not verify: " + record.error().context);
+  const auto record =
+      verify_signature(*canonical, *signature, key).and_then([&] { return parse_record(*canonical); });
+  if (!record)
+    return fail(record.error().code, file.string() + " does not verify: " + record.error().context);
   return VerifiedRecord{*record, {*canonical, *signature}};
 }
 
@@ -177,7 +182,8 @@ Exit show(const Places& places, const ShowOptions& options) {
   if (sequence > chain->verified.size()) return complain(*chain->broken);
   const VerifiedRecord& shown = chain->verified[sequence - 1];
   if (!options.export_to.empty()) {
-    if (const auto exported = export_record(shown, options.export_to); !exported) return complain(exported.error());
+    if (const auto exported = export_record(shown, options.export_to); !exported)
+      return complain(exported.error());
   }
   if (options.json)
     std::cout << nlohmann::json::parse(shown.bytes.canonical).dump(2, ' ', /*ensure_ascii=*/true) << '\n';
@@ -194,7 +200,8 @@ Exit verify(const Places& places, const std::vector<std::filesystem::path>& file
   const auto chain = read_chain(places);
   if (!chain) return complain(chain.error());
   if (chain->broken) return complain(*chain->broken);
-  std::cout << counted(chain->stored, "record") << " verified, key " << chain->key.id_text() << "; chain unbroken\n";
+  std::cout << counted(chain->stored, "record") << " verified, key " << chain->key.id_text()
+            << "; chain unbroken\n";
   return Exit::done;
 }
 

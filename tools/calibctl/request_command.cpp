@@ -14,7 +14,8 @@ using nlohmann::json;
 constexpr std::chrono::minutes recalibration_patience{10};
 
 void show_waiting(std::chrono::seconds waited) {
-  if (::isatty(STDERR_FILENO) == 1) std::cerr << "\rwaiting for calibd, " << waited.count() << " s " << std::flush;
+  if (::isatty(STDERR_FILENO) == 1)
+    std::cerr << "\rwaiting for calibd, " << waited.count() << " s " << std::flush;
 }
 
 void clear_waiting() {
@@ -22,7 +23,8 @@ void clear_waiting() {
 }
 
 std::string score_words(const json& score, const char* before, const char* after) {
-  return decimals(score.at(before).get<double>(), 5) + " before, " + decimals(score.at(after).get<double>(), 5) + " after";
+  return decimals(score.at(before).get<double>(), 5) + " before, " +
+         decimals(score.at(after).get<double>(), 5) + " after";
 }
 
 void result_lines(Text& text, const json& result) {
@@ -47,8 +49,10 @@ Result<bool> show_answer(const json& reply, const std::string& pair) {
     const std::string verdict = dry_run ? reply.at("would").get<std::string>() : answer;
     Text text(terminal_has_colours());
     text.line("Pair", pair);
-    text.line("Answer", dry_run ? "would be " + verdict + " (dry run, nothing was changed)"
-                                : verdict == "rolled_back" ? "rolled back" : verdict,
+    text.line("Answer",
+              dry_run                    ? "would be " + verdict + " (dry run, nothing was changed)"
+              : verdict == "rolled_back" ? "rolled back"
+                                         : verdict,
               verdict == "rejected" ? Colour::yellow : Colour::green);
     text.line("Reason", reply.at("reason").get<std::string>());
     if (const json& record = reply.at("record"); !record.is_null())
@@ -57,7 +61,8 @@ Result<bool> show_answer(const json& reply, const std::string& pair) {
     std::cout << text.str();
     return verdict != "rejected";
   } catch (const json::exception& error) {
-    return fail("malformed_reply", std::string("calibd answered in a form that is not understood: ") + error.what());
+    return fail("malformed_reply",
+                std::string("calibd answered in a form that is not understood: ") + error.what());
   }
 }
 

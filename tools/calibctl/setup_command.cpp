@@ -13,7 +13,8 @@ namespace {
 
 constexpr int exec_failed = 127;
 
-/// What systemd gives calibd.service and no shell has: without it, keys that a configuration may leave out would be missing.
+/// What systemd gives calibd.service and no shell has: without it, keys that a configuration may leave out
+/// would be missing.
 void set_unit_environment() {
   constexpr int keep = 0;
   ::setenv("STATE_DIRECTORY", "/var/lib/calibd", keep);
@@ -21,11 +22,13 @@ void set_unit_environment() {
   ::setenv("CREDENTIALS_DIRECTORY", "/run/credentials/calibd.service", keep);
 }
 
-/// Becomes the calibd beside this program, or else the one in PATH. One parser reads configurations: calibd's.
+/// Becomes the calibd beside this program, or else the one in PATH. One parser reads configurations:
+/// calibd's.
 [[noreturn]] void become_calibd(const std::string& config_option) {
   set_unit_environment();
   std::error_code ignored;
-  const std::filesystem::path beside = std::filesystem::read_symlink("/proc/self/exe", ignored).replace_filename("calibd");
+  const std::filesystem::path beside =
+      std::filesystem::read_symlink("/proc/self/exe", ignored).replace_filename("calibd");
   ::execl(beside.c_str(), "calibd", "--check-config", config_option.c_str(), nullptr);
   ::execlp("calibd", "calibd", "--check-config", config_option.c_str(), nullptr);
   ::_exit(exec_failed);
@@ -38,8 +41,10 @@ Exit check_config(const std::filesystem::path& file) {
   const pid_t child = ::fork();
   if (child == 0) become_calibd(config_option);
   int ended = 0;
-  while (child > 0 && ::waitpid(child, &ended, 0) < 0 && errno == EINTR) {}
-  if (child < 0 || !WIFEXITED(ended)) return complain({"failed", "calibd did not get to the end of the file"});
+  while (child > 0 && ::waitpid(child, &ended, 0) < 0 && errno == EINTR) {
+  }
+  if (child < 0 || !WIFEXITED(ended))
+    return complain({"failed", "calibd did not get to the end of the file"});
   if (WEXITSTATUS(ended) == exec_failed)
     return complain({"not_found", "there is no calibd beside calibctl or in PATH to read the file with"});
   return WEXITSTATUS(ended) == 0 ? Exit::done : Exit::failed;

@@ -36,7 +36,8 @@ Result<json> read_snapshot(const Places& places, std::optional<double>& age_s) {
   if (!file || ::stat(places.snapshot().c_str(), &about) != 0)
     return fail("daemon_not_running",
                 "calibd does not run, and it has left no snapshot in " + places.snapshot().string());
-  age_s = std::max(0.0, std::chrono::duration<double>(now() - std::chrono::seconds(about.st_mtim.tv_sec)).count());
+  age_s = std::max(0.0,
+                   std::chrono::duration<double>(now() - std::chrono::seconds(about.st_mtim.tv_sec)).count());
   std::ostringstream content;
   content << file.rdbuf();
   return json::parse(content.str(), nullptr, /*allow_exceptions=*/false);
@@ -81,8 +82,8 @@ Exit exit_of(const Report& report, bool by_verdict) {
         (report.checks[i].checked || report.status.running))
       return Exit::no;
   if (!report.status.running) return Exit::not_found;
-  const bool calibrated =
-      std::ranges::all_of(report.status.pairs, [](const auto& pair) { return pair.verdict == Verdict::calibrated; });
+  const bool calibrated = std::ranges::all_of(
+      report.status.pairs, [](const auto& pair) { return pair.verdict == Verdict::calibrated; });
   return by_verdict && (!calibrated || report.status.pairs.empty()) ? Exit::no : Exit::done;
 }
 
@@ -107,7 +108,8 @@ Exit watch(const Places& places, const StatusOptions& options) {
   const bool redraw = ::isatty(STDOUT_FILENO) == 1 && !options.json;
   while (interrupted == 0) {
     const std::string text = shown(collect(places), options);
-    std::cout << (redraw ? "\x1b[H\x1b[2J" : "") << text << (redraw || options.json ? "" : "\n") << std::flush;
+    std::cout << (redraw ? "\x1b[H\x1b[2J" : "") << text << (redraw || options.json ? "" : "\n")
+              << std::flush;
     if (!std::cout) return Exit::failed;
     ::sleep(1);  // a signal ends it early
   }

@@ -9,10 +9,13 @@ namespace {
 
 Colour colour_of(Verdict verdict) {
   switch (verdict) {
-    case Verdict::calibrated: return Colour::green;
-    case Verdict::drifted: return Colour::red;
+    case Verdict::calibrated:
+      return Colour::green;
+    case Verdict::drifted:
+      return Colour::red;
     case Verdict::suspect:
-    case Verdict::not_evaluated: break;
+    case Verdict::not_evaluated:
+      break;
   }
   return Colour::yellow;
 }
@@ -28,7 +31,9 @@ std::string duration(double seconds) {
   return decimals(seconds / 86400, 1) + " days";
 }
 
-double seconds_between(WallTime from, WallTime to) { return std::chrono::duration<double>(to - from).count(); }
+double seconds_between(WallTime from, WallTime to) {
+  return std::chrono::duration<double>(to - from).count();
+}
 
 std::string skipped_words(const PairStatus& pair) {
   std::uint64_t total = 0;
@@ -45,7 +50,8 @@ void input_line(Text& text, std::string_view label, const PairStatus::Input& inp
 }
 
 void record_line(Text& text, const PairStatus::Record& record, const RecordCheck& check) {
-  std::string value = std::to_string(record.sequence) + " of " + rfc3339(record.created) + ", key " + record.key_id;
+  std::string value =
+      std::to_string(record.sequence) + " of " + rfc3339(record.created) + ", key " + record.key_id;
   if (check.checked)
     value += check.verified ? ", verified" : ", NOT VERIFIED: " + check.words;
   else
@@ -59,15 +65,17 @@ void pair_lines(Text& text, const PairStatus& pair, const RecordCheck& check, Wa
   text.line("Verdict", words_of(pair.verdict), colour_of(pair.verdict));
   text.line("Since", rfc3339(pair.since) + " (" + duration(seconds_between(pair.since, now)) + " ago)");
   text.line("Reason", pair.reason);
-  text.line("Evaluated", counted(pair.evaluated, "pair") +
-                             (pair.last_evaluated
-                                  ? ", the last " + duration(seconds_between(*pair.last_evaluated, now)) + " ago"
-                                  : ""));
+  text.line(
+      "Evaluated",
+      counted(pair.evaluated, "pair") +
+          (pair.last_evaluated ? ", the last " + duration(seconds_between(*pair.last_evaluated, now)) + " ago"
+                               : ""));
   text.line("Skipped", skipped_words(pair));
   if (pair.score)
     text.line("Score", decimals(pair.score->current, 5) + " (best neighbour " +
                            decimals(pair.score->best_neighbour, 5) +
-                           (pair.score->baseline ? ", baseline " + decimals(*pair.score->baseline, 5) : "") + ")");
+                           (pair.score->baseline ? ", baseline " + decimals(*pair.score->baseline, 5) : "") +
+                           ")");
   if (pair.misalignment) {
     text.line("LiDAR has moved", "");
     text.motion(pair.misalignment->delta, &pair.misalignment->sigma);
@@ -97,7 +105,8 @@ std::string status_text(const Status& status, const std::vector<RecordCheck>& ch
   Text text(coloured);
   text.line("Vehicle", status.vehicle);
   if (snapshot_age_s)
-    text.line("Daemon", "NOT RUNNING; this is its last snapshot, " + duration(*snapshot_age_s) + " old", Colour::red);
+    text.line("Daemon", "NOT RUNNING; this is its last snapshot, " + duration(*snapshot_age_s) + " old",
+              Colour::red);
   else
     text.line("Daemon", "running for " + duration(status.uptime_s) + ", version " + status.version);
   text.line("Alerts waiting", std::to_string(status.feed_queued));

@@ -15,8 +15,8 @@ namespace {
 
 constexpr std::size_t label_width = 16;
 
-/// A LiDAR's axes are x forward, y left, z up, so by the right hand a positive roll lowers the right side, a positive
-/// pitch the nose, and a positive yaw turns to the left.
+/// A LiDAR's axes are x forward, y left, z up, so by the right hand a positive roll lowers the right side, a
+/// positive pitch the nose, and a positive yaw turns to the left.
 struct AxisWords {
   std::string_view label, positive, negative;
 };
@@ -29,10 +29,14 @@ constexpr std::array<AxisWords, 6> axis_words{{{"Roll", "right side down", "left
 
 std::string_view escape_sequence(Colour colour) {
   switch (colour) {
-    case Colour::red: return "\x1b[31m";
-    case Colour::yellow: return "\x1b[33m";
-    case Colour::green: return "\x1b[32m";
-    case Colour::none: break;
+    case Colour::red:
+      return "\x1b[31m";
+    case Colour::yellow:
+      return "\x1b[33m";
+    case Colour::green:
+      return "\x1b[32m";
+    case Colour::none:
+      break;
   }
   return "";
 }
@@ -49,8 +53,8 @@ std::string listed(const std::array<double, N>& values) {
 bool terminal_has_colours() {
   const char* const no_colour = std::getenv("NO_COLOR");
   const char* const terminal = std::getenv("TERM");
-  return ::isatty(STDOUT_FILENO) == 1 && (no_colour == nullptr || *no_colour == '\0') && terminal != nullptr &&
-         std::string_view(terminal) != "dumb";
+  return ::isatty(STDOUT_FILENO) == 1 && (no_colour == nullptr || *no_colour == '\0') &&
+         terminal != nullptr && std::string_view(terminal) != "dumb";
 }
 
 void Text::line(std::string_view label, std::string_view value, Colour colour) {

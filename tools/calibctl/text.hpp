@@ -12,13 +12,15 @@ enum class Colour { none, red, yellow, green };
 /// True when standard output is a terminal that shows colours and NO_COLOR is not set.
 [[nodiscard]] bool terminal_has_colours();
 
-/// Lines of label, colon and value. Every value passes `escape_control`, so nothing from outside steers the terminal.
+/// Lines of label, colon and value. Every value passes `escape_control`, so nothing from outside steers the
+/// terminal.
 class Text {
  public:
   explicit Text(bool coloured) : coloured_(coloured) {}
   void line(std::string_view label, std::string_view value, Colour colour = Colour::none);
   void blank() { text_ += '\n'; }
-  /// Six lines: how far a motion of the LiDAR (rad, m, its own axes) goes, signs as words; `sigma` may be null.
+  /// Six lines: how far a motion of the LiDAR (rad, m, its own axes) goes, signs as words; `sigma` may be
+  /// null.
   void motion(const Vector6& delta, const Vector6* sigma);
   /// Two lines: translation and quaternion.
   void transform(std::string_view label, const RigidTransform& transform);

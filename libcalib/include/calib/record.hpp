@@ -69,12 +69,12 @@ struct CalibrationRecord {
 inline constexpr std::string_view no_previous_sha256 =
     "0000000000000000000000000000000000000000000000000000000000000000";
 
-/// The bytes that are hashed, signed and stored: JSON, keys sorted, no white space, shortest numbers that round-trip.
-/// Text that is not UTF-8 is written with U+FFFD in the place of what is wrong.
+/// The bytes that are hashed, signed and stored: JSON, keys sorted, no white space, shortest numbers that
+/// round-trip. Text that is not UTF-8 is written with U+FFFD in the place of what is wrong.
 [[nodiscard]] std::string canonical_bytes(const CalibrationRecord& record);
 
-/// Strict inverse of `canonical_bytes`: fails with `malformed_record` on an unknown or missing key, a wrong type, or
-/// bytes that are not in canonical form.
+/// Strict inverse of `canonical_bytes`: fails with `malformed_record` on an unknown or missing key, a wrong
+/// type, or bytes that are not in canonical form.
 [[nodiscard]] Result<CalibrationRecord> parse_record(std::string_view canonical);
 
 /// The name of an exported record, `000012.json`; its signature is beside it with `.minisig` added.
@@ -86,12 +86,13 @@ struct SignedRecord {
   std::string signature;
 };
 
-/// Fails with `malformed_record` when the record holds what could not be read back, e.g. a number that is not finite.
+/// Fails with `malformed_record` when the record holds what could not be read back, e.g. a number that is not
+/// finite.
 [[nodiscard]] Result<SignedRecord> sign_record(const CalibrationRecord& record, const SigningKey& key);
 
 /// The record, when `key` signed exactly these bytes and it names the same sequence and predecessor.
-/// `expected_previous_sha256` is `sha256_hex` of the record before it, or 64 zeros. Fails with `bad_signature`,
-/// `wrong_key` ("signed by X, you have Y"), `broken_chain` or `malformed_record`.
+/// `expected_previous_sha256` is `sha256_hex` of the record before it, or 64 zeros. Fails with
+/// `bad_signature`, `wrong_key` ("signed by X, you have Y"), `broken_chain` or `malformed_record`.
 [[nodiscard]] Result<CalibrationRecord> verify_record(const SignedRecord& record, const PublicKey& key,
                                                       std::string_view expected_previous_sha256,
                                                       std::uint64_t expected_sequence);

@@ -26,8 +26,8 @@ class SigningKey {
   /// Reads an unencrypted minisign secret key (`minisign -G -W` or `calibctl keygen`).
   /// Fails with `key_not_found`, `key_permissions` (open to every user) or `bad_key`.
   [[nodiscard]] static Result<SigningKey> load(const std::filesystem::path& file);
-  /// Writes FILE (mode 0600) and the public key beside it (FILE with .pub for its extension, mode 0644); never overwrites.
-  /// Fails with `key_exists`, `bad_name` (FILE already ends in .pub) or `key_not_written`.
+  /// Writes FILE (mode 0600) and the public key beside it (FILE with .pub for its extension, mode 0644);
+  /// never overwrites. Fails with `key_exists`, `bad_name` (FILE already ends in .pub) or `key_not_written`.
   [[nodiscard]] Result<void> save(const std::filesystem::path& file) const;
 
   [[nodiscard]] PublicKey public_key() const;
@@ -49,8 +49,8 @@ class SigningKey {
 /// Reads a minisign public key file. Fails with `key_not_found` or `bad_key`.
 [[nodiscard]] Result<PublicKey> load_public_key(const std::filesystem::path& file);
 
-/// Whether `key` made `signature_file` (the content of a pre-hashed minisign signature file) over `bytes` and its
-/// trusted comment. Fails with `wrong_key` ("signed by key X, you have Y") or `bad_signature`.
+/// Whether `key` made `signature_file` (the content of a pre-hashed minisign signature file) over `bytes` and
+/// its trusted comment. Fails with `wrong_key` ("signed by key X, you have Y") or `bad_signature`.
 [[nodiscard]] Result<void> verify_signature(std::string_view bytes, std::string_view signature_file,
                                             const PublicKey& key);
 

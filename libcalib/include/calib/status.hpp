@@ -12,13 +12,15 @@
 
 namespace calib {
 
-/// The state of a pair's calibration. `not_evaluated` is a normal state, always with a reason, never shown as OK.
+/// The state of a pair's calibration. `not_evaluated` is a normal state, always with a reason, never shown as
+/// OK.
 enum class Verdict { not_evaluated, calibrated, suspect, drifted };
 
 [[nodiscard]] std::string_view to_string(Verdict verdict);
 [[nodiscard]] Result<Verdict> parse_verdict(std::string_view text);
 
-/// Everything calibd says about itself, collected once; every output (JSON, terminal, diagnostics) formats this.
+/// Everything calibd says about itself, collected once; every output (JSON, terminal, diagnostics) formats
+/// this.
 struct PairStatus {
   std::string name;
   Verdict verdict = Verdict::not_evaluated;
@@ -81,8 +83,8 @@ struct Status {
 /// times as RFC 3339 UTC.
 [[nodiscard]] nlohmann::json to_json(const Status& status);
 
-/// Inverse of `to_json`, to the milliseconds of its times; fields it does not know are ignored, so that an older
-/// reader understands a newer calibd. Fails with `malformed_status`.
+/// Inverse of `to_json`, to the milliseconds of its times; fields it does not know are ignored, so that an
+/// older reader understands a newer calibd. Fails with `malformed_status`.
 [[nodiscard]] Result<Status> parse_status(const nlohmann::json& json);
 
 }  // namespace calib

@@ -15,25 +15,28 @@ struct sqlite3;
 
 namespace calib {
 
-/// What survives a restart, in one SQLite file (WAL, synchronous=FULL): signed records, the state of every pair's drift
-/// monitor, and the outbox of alerts that wait for delivery. One writer (the daemon), any number of readers.
+/// What survives a restart, in one SQLite file (WAL, synchronous=FULL): signed records, the state of every
+/// pair's drift monitor, and the outbox of alerts that wait for delivery. One writer (the daemon), any number
+/// of readers.
 ///
 /// Every write is durable when the call returns; writes that belong together go through `in_transaction`.
-/// All calls fail with `store_failed` (SQLite's own words in the context). A Store is used by one thread at a time;
-/// threads and processes that read open their own. Reading needs no permission to write, and no running daemon: the
-/// log files that SQLite needs for that stay beside the file after it is closed.
+/// All calls fail with `store_failed` (SQLite's own words in the context). A Store is used by one thread at a
+/// time; threads and processes that read open their own. Reading needs no permission to write, and no running
+/// daemon: the log files that SQLite needs for that stay beside the file after it is closed.
 class Store {
  public:
   enum class Mode { read_only, read_write };
-  /// Opens `file`, making it when `read_write`. Fails with `store_not_found` or `store_failed`; a file of a newer
-  /// schema is refused with `store_version`.
+  /// Opens `file`, making it when `read_write`. Fails with `store_not_found` or `store_failed`; a file of a
+  /// newer schema is refused with `store_version`.
   [[nodiscard]] static Result<Store> open(const std::filesystem::path& file, Mode mode);
 
-  /// Runs `body` in one transaction: all of its writes become durable together, or none when it fails. Not nested.
+  /// Runs `body` in one transaction: all of its writes become durable together, or none when it fails. Not
+  /// nested.
   [[nodiscard]] Result<void> in_transaction(const std::function<Result<void>()>& body);
 
   /// Appends a record. Fails with `broken_chain` when `sequence` is not the last one plus 1.
-  [[nodiscard]] Result<void> append_record(std::uint64_t sequence, std::string_view pair, const SignedRecord& record);
+  [[nodiscard]] Result<void> append_record(std::uint64_t sequence, std::string_view pair,
+                                           const SignedRecord& record);
   /// The sequence of the last record, 0 when there is none.
   [[nodiscard]] Result<std::uint64_t> record_count() const;
   /// Fails with `record_not_found`.
@@ -66,13 +69,15 @@ class Store {
   std::unique_ptr<sqlite3, Close> database_;
 };
 
-/// Shows `visit` every record of the store, oldest first, each once it is verified against `key` and its predecessor.
-/// Fails at the first that does not verify or is missing, naming its sequence; those before it have been shown.
+/// Shows `visit` every record of the store, oldest first, each once it is verified against `key` and its
+/// predecessor. Fails at the first that does not verify or is missing, naming its sequence; those before it
+/// have been shown.
 [[nodiscard]] Result<void> visit_verified(
     const Store& store, const PublicKey& key,
     const std::function<void(const CalibrationRecord&, const SignedRecord&)>& visit);
 
 /// The same as a list, or the failure alone.
-[[nodiscard]] Result<std::vector<CalibrationRecord>> verified_history(const Store& store, const PublicKey& key);
+[[nodiscard]] Result<std::vector<CalibrationRecord>> verified_history(const Store& store,
+                                                                      const PublicKey& key);
 
 }  // namespace calib
