@@ -38,8 +38,17 @@ def test_help_is_an_answer_and_nonsense_is_a_usage_error(program):
     assert "--no-such-option" in nonsense.stderr and nonsense.stdout == ""
 
 
-@pytest.mark.parametrize("arguments", [["--knock-deg", "1,2"], ["--rate", "0"], ["--after", "1", "--after-frames", "2"],
-                                       ["--frame", "3"], ["--lidar-dropout", "2"], ["--width", "10"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--knock-deg", "1,2"],
+        ["--rate", "0"],
+        ["--after", "1", "--after-frames", "2"],
+        ["--frame", "3"],
+        ["--lidar-dropout", "2"],
+        ["--width", "10"],
+    ],
+)
 def test_options_out_of_bounds_are_usage_errors(arguments):
     done = run("calib-sim", *arguments)
     assert done.returncode == 2
@@ -47,23 +56,55 @@ def test_options_out_of_bounds_are_usage_errors(arguments):
 
 
 def test_truth_is_told_at_the_start_at_the_knock_and_at_the_end():
-    done = run("calib-sim", *SMALL, "--domain", DOMAIN, "--fast", "--rate", 2, "--frames", 6, "--knock-deg", "0,-1,0.5",
-               "--knock-cm", "-2,0,3", "--after-frames", 4)
+    done = run(
+        "calib-sim",
+        *SMALL,
+        "--domain",
+        DOMAIN,
+        "--fast",
+        "--rate",
+        2,
+        "--frames",
+        6,
+        "--knock-deg",
+        "0,-1,0.5",
+        "--knock-cm",
+        "-2,0,3",
+        "--after-frames",
+        4,
+    )
     assert done.returncode == 0, done.stderr
     start, knock, end = events(done.stdout)
     assert (start["event"], start["frame"], start["t_s"]) == ("truth", 0, 0)
     assert start["knock_deg"] == [0, 0, 0]
     assert (knock["event"], knock["frame"], knock["t_s"]) == ("truth", 4, 2)
-    assert knock["knock_deg"] == pytest.approx([0, -1, 0.5]) and knock["knock_cm"] == pytest.approx([-2, 0, 3])
+    assert knock["knock_deg"] == pytest.approx([0, -1, 0.5]) and knock["knock_cm"] == pytest.approx(
+        [-2, 0, 3]
+    )
     assert (end["event"], end["frame"]) == ("end", 6)
     assert end["T_camera_lidar"] == knock["T_camera_lidar"] != start["T_camera_lidar"]
     # The LiDAR's own x, y, z are the camera's z, -x, -y, but for a degree of mounting.
-    shift = [b - a for a, b in zip(start["T_camera_lidar"]["translation_m"], knock["T_camera_lidar"]["translation_m"])]
+    shift = [
+        b - a
+        for a, b in zip(start["T_camera_lidar"]["translation_m"], knock["T_camera_lidar"]["translation_m"])
+    ]
     assert shift == pytest.approx([0, -0.03, -0.02], abs=0.002)
 
 
 def test_slow_drift_is_told_once_a_second():
-    done = run("calib-sim", *SMALL, "--domain", DOMAIN, "--fast", "--rate", 10, "--frames", 35, "--drift-deg-per-minute", "0,0,6")
+    done = run(
+        "calib-sim",
+        *SMALL,
+        "--domain",
+        DOMAIN,
+        "--fast",
+        "--rate",
+        10,
+        "--frames",
+        35,
+        "--drift-deg-per-minute",
+        "0,0,6",
+    )
     truths = [event for event in events(done.stdout) if event["event"] == "truth"]
     assert [truth["frame"] for truth in truths] == [0, 1, 11, 21, 31]
     assert truths[-1]["knock_deg"][2] == pytest.approx(3.1 / 60 * 6)
@@ -71,7 +112,9 @@ def test_slow_drift_is_told_once_a_second():
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_the_drive_cleanly(end):
-    with subprocess.Popen([BIN / "calib-sim", *SMALL, "--domain", DOMAIN, "--rate", "5"], stdout=subprocess.PIPE, text=True) as vehicle:
+    with subprocess.Popen(
+        [BIN / "calib-sim", *SMALL, "--domain", DOMAIN, "--rate", "5"], stdout=subprocess.PIPE, text=True
+    ) as vehicle:
         assert json.loads(vehicle.stdout.readline())["event"] == "truth"
         vehicle.send_signal(end)
         rest = vehicle.communicate(timeout=20)[0]
@@ -83,27 +126,51 @@ def test_a_wrong_interface_is_an_error_with_a_name():
     done = run("calib-sim", *SMALL, "--domain", DOMAIN, "--interface", "no-such-interface", "--frames", 1)
     assert done.returncode == 1
     # Cyclone has a word of its own before ours.
-    assert done.stderr.splitlines()[-1].startswith("dds_failed: domain ") and "no-such-interface" in done.stderr
+    assert (
+        done.stderr.splitlines()[-1].startswith("dds_failed: domain ") and "no-such-interface" in done.stderr
+    )
 
 
 def test_print_config_describes_the_vehicle(drive):
-    for done in [run("calib-sim", *SMALL, "--knock-deg", "1,1,1", "--print-config"), run("calib-replay", drive, "--print-config")]:
+    for done in [
+        run("calib-sim", *SMALL, "--knock-deg", "1,1,1", "--print-config"),
+        run("calib-replay", drive, "--print-config"),
+    ]:
         assert done.returncode == 0, done.stderr
         lines = done.stdout.splitlines()
         assert lines[:2] == ["pairs:", "  - name: front"]
         assert "size: [320, 96]" in lines[2] and "baseline_m: 0.54" in lines[2]
         assert lines[3] == "    lidar: {cloud: /lidar/points}"
         # Before any knock.
-        start = events(run("calib-sim", *SMALL, "--domain", DOMAIN, "--frames", 1).stdout)[0]["T_camera_lidar"]
-        printed = json.loads(lines[4].split("T_camera_lidar: ")[1].replace("translation_m", '"translation_m"')
-                             .replace("quaternion_xyzw", '"quaternion_xyzw"'))
+        start = events(run("calib-sim", *SMALL, "--domain", DOMAIN, "--frames", 1).stdout)[0][
+            "T_camera_lidar"
+        ]
+        printed = json.loads(
+            lines[4]
+            .split("T_camera_lidar: ")[1]
+            .replace("translation_m", '"translation_m"')
+            .replace("quaternion_xyzw", '"quaternion_xyzw"')
+        )
         for key in ("translation_m", "quaternion_xyzw"):
             assert printed[key] == pytest.approx(start[key], abs=1e-9)
 
 
 def test_a_dumped_drive_is_the_same_every_time_and_a_knock_changes_its_clouds_only(drive, tmp_path):
     again = run("calib-sim", *SMALL, "--seed", 5, "--dump", tmp_path / "again", "--frames", 3)
-    knocked = run("calib-sim", *SMALL, "--seed", 5, "--dump", tmp_path / "knocked", "--frames", 3, "--knock-deg", "0,0,2", "--after-frames", 1)
+    knocked = run(
+        "calib-sim",
+        *SMALL,
+        "--seed",
+        5,
+        "--dump",
+        tmp_path / "knocked",
+        "--frames",
+        3,
+        "--knock-deg",
+        "0,0,2",
+        "--after-frames",
+        1,
+    )
     files = sorted(path.relative_to(drive.parent) for path in drive.parent.rglob("*") if path.is_file())
     assert len(files) == 2 + 3 * 3
     for file in files:
@@ -141,9 +208,22 @@ def test_overlays_differ_where_the_extrinsic_is_wrong(drive, tmp_path):
         assert png_size(tmp_path / f"{name}.png") == (320, 96)
     assert (tmp_path / "right.png").read_bytes() != (tmp_path / "wrong.png").read_bytes()
     # Drawn with the extrinsic that the knock has made true, the points are back in place (but for rounding at pixels).
-    truth = events(run("calib-sim", *SMALL, "--domain", DOMAIN, "--frames", 1, "--knock-deg", "0,0,3").stdout)[0]["T_camera_lidar"]
+    truth = events(
+        run("calib-sim", *SMALL, "--domain", DOMAIN, "--frames", 1, "--knock-deg", "0,0,3").stdout
+    )[0]["T_camera_lidar"]
     extrinsic = ",".join(map(repr, truth["translation_m"] + truth["quaternion_xyzw"]))
-    done = run("calib-replay", drive, "--overlay", tmp_path / "found.png", "--frame", 1, "--knock-deg", "0,0,3", "--T-camera-lidar", extrinsic)
+    done = run(
+        "calib-replay",
+        drive,
+        "--overlay",
+        tmp_path / "found.png",
+        "--frame",
+        1,
+        "--knock-deg",
+        "0,0,3",
+        "--T-camera-lidar",
+        extrinsic,
+    )
     assert done.returncode == 0, done.stderr
     assert abs(len((tmp_path / "found.png").read_bytes()) - len((tmp_path / "right.png").read_bytes())) < 400
 
