@@ -11,8 +11,9 @@ namespace calib::test {
 
 /// Text with everything in it that JSON, minisign or a terminal could stumble over; always UTF-8.
 inline std::string random_text(std::mt19937& random) {
-  static const std::vector<std::string> pieces{"front", " ",  "\"", "\\", "\n", "\t", "\x01", "\x1b[31m", "\x7f",
-                                               "/",     "\r", "ä",  "路",  "🚗", "0",  ",",    "}",        ""};
+  static const std::vector<std::string> pieces{"front", " ",        "\"",   "\\", "\n", "\t",
+                                               "\x01",  "\x1b[31m", "\x7f", "/",  "\r", "ä",
+                                               "路",    "🚗",        "0",    ",",  "}",  ""};
   std::string text;
   for (int i = static_cast<int>(random() % 6); i > 0; --i) text += pieces[random() % pieces.size()];
   return text;
@@ -22,10 +23,14 @@ inline std::string random_text(std::mt19937& random) {
 inline double random_number(std::mt19937& random) {
   std::uniform_real_distribution<double> unit(-1, 1);
   switch (random() % 4) {
-    case 0: return std::ldexp(unit(random), static_cast<int>(random() % 2000) - 1000);
-    case 1: return static_cast<double>(random() % 100) / 100;
-    case 2: return random() % 2 == 0 ? 0.0 : -0.0;
-    default: return unit(random);
+    case 0:
+      return std::ldexp(unit(random), static_cast<int>(random() % 2000) - 1000);
+    case 1:
+      return static_cast<double>(random() % 100) / 100;
+    case 2:
+      return random() % 2 == 0 ? 0.0 : -0.0;
+    default:
+      return unit(random);
   }
 }
 
@@ -54,8 +59,8 @@ inline CalibrationRecord random_record(std::mt19937& random) {
   record.T_camera_lidar_before = random_transform(random);
   if (random() % 2 == 0) record.sigma = vector6();
   if (random() % 2 == 0)
-    record.score = CalibrationRecord::Score{random_number(random), random_number(random), random_number(random),
-                                            random_number(random)};
+    record.score = CalibrationRecord::Score{random_number(random), random_number(random),
+                                            random_number(random), random_number(random)};
   for (int i = static_cast<int>(random() % 30); i > 0; --i)
     record.frame_stamps_ns.push_back(static_cast<std::int64_t>(random()) << 31);
   record.configuration_sha256 = sha256_hex("configuration");
@@ -68,14 +73,17 @@ inline CalibrationRecord random_record(std::mt19937& random) {
 }
 
 /// Signs `record` as the next one of a chain that ends with `chain.back()`.
-inline SignedRecord sign_next(CalibrationRecord record, const std::vector<SignedRecord>& chain, const SigningKey& key) {
+inline SignedRecord sign_next(CalibrationRecord record, const std::vector<SignedRecord>& chain,
+                              const SigningKey& key) {
   record.sequence = chain.size() + 1;
-  record.previous_sha256 = chain.empty() ? std::string(no_previous_sha256) : sha256_hex(chain.back().canonical);
+  record.previous_sha256 =
+      chain.empty() ? std::string(no_previous_sha256) : sha256_hex(chain.back().canonical);
   return require_ok(sign_record(record, key));
 }
 
 /// `count` random records, each following the one before it.
-inline std::vector<SignedRecord> random_chain(std::mt19937& random, std::size_t count, const SigningKey& key) {
+inline std::vector<SignedRecord> random_chain(std::mt19937& random, std::size_t count,
+                                              const SigningKey& key) {
   std::vector<SignedRecord> chain;
   while (chain.size() < count) chain.push_back(sign_next(random_record(random), chain, key));
   return chain;

@@ -1,5 +1,6 @@
-// write_store KEY FOLDER VERDICT: a store of three records (initial, rejected, accepted) signed with KEY, and the snapshot
-// that a daemon with that store would leave. For tests of programs that read; they are written by the real library.
+// write_store KEY FOLDER VERDICT: a store of three records (initial, rejected, accepted) signed with KEY, and
+// the snapshot that a daemon with that store would leave. For tests of programs that read; they are written
+// by the real library.
 #include <fstream>
 #include <iostream>
 #include <nlohmann/json.hpp>
@@ -16,7 +17,8 @@ namespace {
 constexpr std::chrono::nanoseconds first_decision = std::chrono::seconds(1'769'860'800);
 
 /// Would colour, overwrite and title a terminal that it reached raw.
-const std::string hostile = "a gate said \x1b[31mno\x1b[0m\r\x1b]0;title\x07 \u009b2J\u202e \"quoted\" \\ \xc3\xa4";
+const std::string hostile =
+    "a gate said \x1b[31mno\x1b[0m\r\x1b]0;title\x07 \u009b2J\u202e \"quoted\" \\ \xc3\xa4";
 
 CalibrationRecord next_record(const CalibrationRecord& before, Decision decision, const Vector6& knock) {
   CalibrationRecord record = before;
@@ -72,7 +74,8 @@ Status snapshot(const CalibrationRecord& in_force, const PublicKey& key, Verdict
   pair.skipped = {{"low_overlap", 3}, {"dark", 1}};
   pair.score = {0.5, 0.25, 0.5};
   pair.misalignment.emplace();
-  pair.misalignment->delta << 0.1 * radians_per_degree, -0.2 * radians_per_degree, 0.6 * radians_per_degree, -0.01, 0.02, 0;
+  pair.misalignment->delta << 0.1 * radians_per_degree, -0.2 * radians_per_degree, 0.6 * radians_per_degree,
+      -0.01, 0.02, 0;
   pair.misalignment->sigma.setConstant(0.001);
   pair.T_camera_lidar = in_force.T_camera_lidar;
   pair.record = PairStatus::Record{in_force.sequence, key.id_text(), true, in_force.wall_time};
@@ -98,7 +101,8 @@ int main(int argc, char** argv) try {
     previous_sha256 = sha256_hex(bytes.canonical);
   }
   std::ofstream(folder / "status.json")
-      << to_json(snapshot(records.back(), key.public_key(), require_ok(parse_verdict(argv[3])))).dump() << '\n';
+      << to_json(snapshot(records.back(), key.public_key(), require_ok(parse_verdict(argv[3])))).dump()
+      << '\n';
   return 0;
 } catch (const std::exception& error) {
   std::cerr << "write_store: " << error.what() << '\n';

@@ -42,7 +42,8 @@ CalibrationRecord full_record() {
 }
 
 bool verifies(const SignedRecord& record, const PublicKey& key, const std::vector<SignedRecord>& before) {
-  const std::string previous = before.empty() ? std::string(no_previous_sha256) : sha256_hex(before.back().canonical);
+  const std::string previous =
+      before.empty() ? std::string(no_previous_sha256) : sha256_hex(before.back().canonical);
   return verify_record(record, key, previous, before.size() + 1).has_value();
 }
 
@@ -60,6 +61,7 @@ std::size_t verified_length(const std::vector<SignedRecord>& chain, const Public
 
 TEST_CASE("the canonical bytes of a record are the documented ones") {
   const std::string zeros_and_one = R"("quaternion_xyzw":[0.0,0.0,0.0,1.0])";
+  // clang-format off
   CHECK(canonical_bytes(full_record()) ==
         R"({"T_camera_lidar":{)" + zeros_and_one + R"(,"translation_m":[0.25,-0.5,1e-05]},)"
         R"("T_camera_lidar_before":{)" + zeros_and_one + R"(,"translation_m":[0.0,0.0,0.0]},)"
@@ -71,6 +73,7 @@ TEST_CASE("the canonical bytes of a record are the documented ones") {
         R"("sigma":{"rotation_rad":[0.125,0.125,0.125],"translation_m":[0.125,0.125,0.125]},)"
         R"("software_sha256":"e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855",)"
         R"("software_version":"0.1.0","vehicle":"demo-car","wall_time":"2026-01-31T12:00:00.123456789Z"})");
+  // clang-format on
 }
 
 TEST_CASE("any record comes back from its canonical bytes") {
@@ -111,11 +114,19 @@ TEST_CASE("a text that is not the canonical form of a record is refused") {
   const std::string good = canonical_bytes(full_record());
   CHECK(parse_record(good));
   const std::vector<std::string> bad{
-      "", "{}", "[]", "null", "1", "{", std::string(100'000, '['), good + "\n", " " + good,
-      replaced(good, R"("pair":"front",)", ""),                              // missing
-      replaced(good, R"("pair":"front",)", R"("pair":"front","q":1,)"),      // unknown
-      replaced(good, R"("pair":"front",)", R"("pair":"x","pair":"front",)"), // twice
-      replaced(good, R"("pair":"front")", R"("pair":"\u0066ront")"),         // another way to write it
+      "",
+      "{}",
+      "[]",
+      "null",
+      "1",
+      "{",
+      std::string(100'000, '['),
+      good + "\n",
+      " " + good,
+      replaced(good, R"("pair":"front",)", ""),                               // missing
+      replaced(good, R"("pair":"front",)", R"("pair":"front","q":1,)"),       // unknown
+      replaced(good, R"("pair":"front",)", R"("pair":"x","pair":"front",)"),  // twice
+      replaced(good, R"("pair":"front")", R"("pair":"\u0066ront")"),          // another way to write it
       replaced(good, R"("pair":"front")", R"("pair":7)"),
       replaced(good, R"("pair":"front")", R"("pair": "front")"),
       replaced(good, R"("pair":"front")", "\"pair\":\"fr\xffnt\""),
@@ -134,7 +145,9 @@ TEST_CASE("a text that is not the canonical form of a record is refused") {
       replaced(good, R"("accepted")", R"("approved")"),
       replaced(good, R"("after":2.0)", R"("after":2)"),
       replaced(good, R"("after":2.0)", R"("after":null)"),
-      replaced(good, R"("-1")", R"("-01")"), replaced(good, R"("-1")", R"("")"), replaced(good, R"("-1")", "-1"),
+      replaced(good, R"("-1")", R"("-01")"),
+      replaced(good, R"("-1")", R"("")"),
+      replaced(good, R"("-1")", "-1"),
       replaced(good, R"("-1")", R"("99999999999999999999")"),
       replaced(good, sha256_hex("six"), "6"),
       replaced(good, "e3b0c442", "E3B0C442"),
@@ -217,7 +230,8 @@ TEST_CASE("a chain breaks where a record is removed, moved, replaced or inserted
     CHECK(verified_length(repeated, public_key) == i + 1);
     // Validly signed, with the right number and predecessor: the record after it gives it away.
     auto replaced_one = chain;
-    replaced_one[i] = sign_next(random_record(random), {chain.begin(), chain.begin() + static_cast<std::ptrdiff_t>(i)}, key);
+    replaced_one[i] = sign_next(random_record(random),
+                                {chain.begin(), chain.begin() + static_cast<std::ptrdiff_t>(i)}, key);
     CHECK(verified_length(replaced_one, public_key) == i + 1);
   }
 }
@@ -231,15 +245,17 @@ TEST_CASE("a record of another key, or with another's signature, does not verify
   CHECK(verified.error().code == "wrong_key");
   CHECK_THAT(verified.error().context, ContainsSubstring(key.public_key().id_text()));
   const SignedRecord another = sign_next(random_record(random), {}, key);
-  CHECK(verify_record({record.canonical, another.signature}, key.public_key(), no_previous_sha256, 1).error().code ==
-        "bad_signature");
+  CHECK(verify_record({record.canonical, another.signature}, key.public_key(), no_previous_sha256, 1)
+            .error()
+            .code == "bad_signature");
 }
 
 TEST_CASE("signing a record twice gives the same file, which names it") {
   const SigningKey key = SigningKey::generate();
   const SignedRecord once = require_ok(sign_record(full_record(), key));
   CHECK(once.signature == require_ok(sign_record(full_record(), key)).signature);
-  CHECK_THAT(once.signature, ContainsSubstring("\ntrusted comment: timestamp:1769860800\tfile:000007.json\thashed\n"));
+  CHECK_THAT(once.signature,
+             ContainsSubstring("\ntrusted comment: timestamp:1769860800\tfile:000007.json\thashed\n"));
   CHECK(record_file_name(12'345'678) == "12345678.json");
 }
 

@@ -33,7 +33,8 @@ bool succeeds(const std::string& command) { return std::system((command + " >/de
 struct Fixture {
   TemporaryFolder folder;
   std::filesystem::path key_file = folder.path() / "signing.key", public_file = folder.path() / "signing.pub",
-                        message_file = folder.path() / "message", signature_file = folder.path() / "message.minisig";
+                        message_file = folder.path() / "message",
+                        signature_file = folder.path() / "message.minisig";
   std::string message = std::string("zero\0byte, newline\n", 19);
 
   Fixture() { write(message_file, message); }
@@ -65,7 +66,8 @@ TEST_CASE_METHOD(Fixture, "minisign signs with a key that calibd made") {
   require_ok(key.save(key_file));
   REQUIRE(succeeds(minisign("-S -m " + message_file.string())));
   require_ok(verify_signature(message, content_of(signature_file), key.public_key()));
-  CHECK(verify_signature(message + " ", content_of(signature_file), key.public_key()).error().code == "bad_signature");
+  CHECK(verify_signature(message + " ", content_of(signature_file), key.public_key()).error().code ==
+        "bad_signature");
 }
 
 TEST_CASE_METHOD(Fixture, "calibd signs with a key that minisign made") {
@@ -83,7 +85,8 @@ TEST_CASE_METHOD(Fixture, "calibd signs with a key that minisign made") {
 TEST_CASE_METHOD(Fixture, "a saved key is private and comes back the same") {
   const SigningKey key = SigningKey::generate();
   require_ok(key.save(key_file));
-  struct stat secret_file {}, open_file {};
+  struct stat secret_file {
+  }, open_file{};
   REQUIRE(stat(key_file.c_str(), &secret_file) == 0);
   REQUIRE(stat(public_file.c_str(), &open_file) == 0);
   CHECK((secret_file.st_mode & 0777) == 0600);
@@ -126,7 +129,8 @@ TEST_CASE_METHOD(Fixture, "keys that cannot be used are refused, each with its r
   damaged[inside_the_secret] = damaged[inside_the_secret] == 'A' ? 'B' : 'A';
   write(key_file, damaged);
   CHECK(SigningKey::load(key_file).error().code == "bad_key");
-  for (const std::string content : {"", "one line", "untrusted comment: x\nnot base64!\n", "untrusted comment: x\nRWQ=\n"}) {
+  for (const std::string content :
+       {"", "one line", "untrusted comment: x\nnot base64!\n", "untrusted comment: x\nRWQ=\n"}) {
     write(key_file, content);
     CHECK(SigningKey::load(key_file).error().code == "bad_key");
     CHECK(load_public_key(key_file).error().code == "bad_key");
@@ -180,7 +184,8 @@ TEST_CASE_METHOD(Fixture, "minisign's older form without a hash is refused") {
   const SigningKey key = SigningKey::generate();
   require_ok(key.save(key_file));
   REQUIRE(succeeds(minisign("-S -l -m " + message_file.string())));
-  CHECK(verify_signature(message, content_of(signature_file), key.public_key()).error().code == "bad_signature");
+  CHECK(verify_signature(message, content_of(signature_file), key.public_key()).error().code ==
+        "bad_signature");
 }
 
 TEST_CASE("empty bytes can be signed") {

@@ -30,7 +30,8 @@ PairStatus random_pair(std::mt19937& random) {
   if (maybe()) pair.last_evaluated = random_time(random);
   pair.evaluated = random();
   for (int i = static_cast<int>(random() % 4); i > 0; --i) pair.skipped[random_text(random)] = random();
-  if (maybe()) pair.score = {unit(random), unit(random), maybe() ? std::optional(unit(random)) : std::nullopt};
+  if (maybe())
+    pair.score = {unit(random), unit(random), maybe() ? std::optional(unit(random)) : std::nullopt};
   if (maybe()) pair.misalignment = PairStatus::Misalignment{vector6(), vector6()};
   pair.T_camera_lidar = random_transform(random);
   if (maybe()) pair.proposed = PairStatus::Proposed{random_transform(random), random()};
@@ -46,7 +47,8 @@ PairStatus random_pair(std::mt19937& random) {
 }
 
 Status random_status(std::mt19937& random) {
-  Status status{random_text(random), random() % 2 == 0, "1.2.3", 0.5 * static_cast<double>(random()), {}, random()};
+  Status status{
+      random_text(random), random() % 2 == 0, "1.2.3", 0.5 * static_cast<double>(random()), {}, random()};
   for (int i = static_cast<int>(random() % 4); i > 0; --i) status.pairs.push_back(random_pair(random));
   return status;
 }
@@ -132,10 +134,12 @@ TEST_CASE("a status with anything missing or of another kind is refused") {
     return !read && read.error().code == "malformed_status";
   };
   CHECK_FALSE(refused(good));
-  for (const json& sent : {json(), json(1), json::array(), json::object(), json("text")}) CHECK(refused(sent));
+  for (const json& sent : {json(), json(1), json::array(), json::object(), json("text")})
+    CHECK(refused(sent));
   const json fields = good.flatten();
   for (const auto& [path, value] : fields.items()) {
-    if (path.find("right_image") != std::string::npos || path.find("/skipped/") != std::string::npos) continue;
+    if (path.find("right_image") != std::string::npos || path.find("/skipped/") != std::string::npos)
+      continue;
     INFO(path);
     const json::json_pointer pointer(path);
     json other = good;
@@ -150,7 +154,8 @@ TEST_CASE("a status with anything missing or of another kind is refused") {
 }
 
 TEST_CASE("every verdict has a word, and every word its verdict") {
-  for (const Verdict verdict : {Verdict::not_evaluated, Verdict::calibrated, Verdict::suspect, Verdict::drifted})
+  for (const Verdict verdict :
+       {Verdict::not_evaluated, Verdict::calibrated, Verdict::suspect, Verdict::drifted})
     CHECK(require_ok(parse_verdict(to_string(verdict))) == verdict);
   for (const char* text : {"", "Calibrated", "ok", "calibrated "}) CHECK_FALSE(parse_verdict(text));
 }
@@ -169,11 +174,12 @@ TEST_CASE("times are written and read as RFC 3339") {
     const WallTime time(static_cast<std::int64_t>(random()) / 1'000 * 995);
     CHECK(require_ok(parse_rfc3339(rfc3339_ns(time))) == time);
   }
-  for (const char* text : {"", "Z", "2026-01-31", "2026-01-31T12:00:00", "2026-01-31 12:00:00Z", "2026-02-30T12:00:00Z",
-                           "2026-01-31T24:00:00Z", "2026-01-31T12:60:00Z", "2026-01-31T12:00:61Z", "2026-01-31T12:00:00.Z",
-                           "2026-01-31T12:00:00.1234567890Z", "2026-01-31T12:00:00,5Z", "2026-01-31T12:00:00+00:00",
-                           "0000-01-31T12:00:00Z", "9999-01-31T12:00:00Z", "2026-01-31T12:00:-1Z", "2026-01-31T12:00:00.-5Z",
-                           "2026-01-31T12:00: 0Z"}) {
+  for (const char* text :
+       {"", "Z", "2026-01-31", "2026-01-31T12:00:00", "2026-01-31 12:00:00Z", "2026-02-30T12:00:00Z",
+        "2026-01-31T24:00:00Z", "2026-01-31T12:60:00Z", "2026-01-31T12:00:61Z", "2026-01-31T12:00:00.Z",
+        "2026-01-31T12:00:00.1234567890Z", "2026-01-31T12:00:00,5Z", "2026-01-31T12:00:00+00:00",
+        "0000-01-31T12:00:00Z", "9999-01-31T12:00:00Z", "2026-01-31T12:00:-1Z", "2026-01-31T12:00:00.-5Z",
+        "2026-01-31T12:00: 0Z"}) {
     INFO(text);
     CHECK_FALSE(parse_rfc3339(text));
   }

@@ -24,7 +24,9 @@ struct Fixture {
   SigningKey key = SigningKey::generate();
   std::mt19937 random{1};
 
-  [[nodiscard]] Store open(Store::Mode mode = Store::Mode::read_write) const { return require_ok(Store::open(file, mode)); }
+  [[nodiscard]] Store open(Store::Mode mode = Store::Mode::read_write) const {
+    return require_ok(Store::open(file, mode));
+  }
   std::vector<SignedRecord> append_chain(Store& store, std::size_t count) {
     auto chain = random_chain(random, count, key);
     for (std::size_t i = 0; i < chain.size(); ++i) require_ok(store.append_record(i + 1, "front", chain[i]));
@@ -33,7 +35,8 @@ struct Fixture {
   /// SQL as somebody with write access to the file would run it.
   void tamper(const std::string& sql) const {
     sqlite3* database = nullptr;
-    if (sqlite3_open(file.c_str(), &database) != SQLITE_OK || sqlite3_exec(database, sql.c_str(), nullptr, nullptr, nullptr) != SQLITE_OK)
+    if (sqlite3_open(file.c_str(), &database) != SQLITE_OK ||
+        sqlite3_exec(database, sql.c_str(), nullptr, nullptr, nullptr) != SQLITE_OK)
       throw std::runtime_error(sql + ": " + sqlite3_errmsg(database));
     sqlite3_close(database);
   }
@@ -105,14 +108,16 @@ TEST_CASE_METHOD(Fixture, "a record that does not follow the last one is refused
   CHECK(require_ok(store.record_count()) == 2);
 }
 
-TEST_CASE_METHOD(Fixture, "the history fails at the first record that was touched, and shows those before it") {
+TEST_CASE_METHOD(Fixture,
+                 "the history fails at the first record that was touched, and shows those before it") {
   Store store = open();
   append_chain(store, 5);
   const auto [sql, code] = GENERATE(table<std::string, std::string>(
       {{"UPDATE record SET canonical = replace(canonical, '1', '2') WHERE sequence = 3", "bad_signature"},
        {"DELETE FROM record WHERE sequence = 3", "broken_chain"},
        {"UPDATE record SET canonical = (SELECT canonical FROM record WHERE sequence = 4),"
-        " signature = (SELECT signature FROM record WHERE sequence = 4) WHERE sequence = 3", "broken_chain"},
+        " signature = (SELECT signature FROM record WHERE sequence = 4) WHERE sequence = 3",
+        "broken_chain"},
        {"UPDATE record SET signature = '' WHERE sequence = 3", "bad_signature"}}));
   tamper(sql);
   INFO(sql);
@@ -121,9 +126,8 @@ TEST_CASE_METHOD(Fixture, "the history fails at the first record that was touche
   CHECK(history.error().code == code);
   CHECK_THAT(history.error().context, ContainsSubstring("record 3 "));
   std::size_t shown = 0;
-  CHECK_FALSE(visit_verified(store, key.public_key(), [&](const auto& record, const auto&) {
-    CHECK(record.sequence == ++shown);
-  }));
+  CHECK_FALSE(visit_verified(store, key.public_key(),
+                             [&](const auto& record, const auto&) { CHECK(record.sequence == ++shown); }));
   CHECK(shown == 2);
 }
 
@@ -224,7 +228,8 @@ TEST_CASE_METHOD(Fixture, "reading works while the writer has a transaction open
   CHECK(require_ok(reader.state("front")) == "new");
 }
 
-TEST_CASE_METHOD(Fixture, "a reader without write permission reads with the writer alive, closed, and killed") {
+TEST_CASE_METHOD(Fixture,
+                 "a reader without write permission reads with the writer alive, closed, and killed") {
   const auto count_as_stranger = [&] {
     return in_child([&] {
       // Without any permission to write, to the folder as well; root would have it regardless.
@@ -235,7 +240,8 @@ TEST_CASE_METHOD(Fixture, "a reader without write permission reads with the writ
   };
   const auto lock = [&](bool locked) {
     chmod(folder.path().c_str(), locked ? 0555 : 0755);
-    for (const char* suffix : {"", "-wal", "-shm"}) chmod((file.string() + suffix).c_str(), locked ? 0444 : 0644);
+    for (const char* suffix : {"", "-wal", "-shm"})
+      chmod((file.string() + suffix).c_str(), locked ? 0444 : 0644);
   };
   {
     Store writer = open();
@@ -251,7 +257,8 @@ TEST_CASE_METHOD(Fixture, "a reader without write permission reads with the writ
   const int killed = in_child([&] {
     Store writer = open();
     const auto more = require_ok(writer.record(3));
-    require_ok(writer.append_record(4, "front", sign_next(random_record(random), std::vector<SignedRecord>(3, more), key)));
+    require_ok(writer.append_record(
+        4, "front", sign_next(random_record(random), std::vector<SignedRecord>(3, more), key)));
     return raise(SIGKILL);
   });
   REQUIRE(killed == -1);
@@ -271,7 +278,8 @@ TEST_CASE_METHOD(Fixture, "what had returned is there after kill -9 at any momen
       // Everything that belongs together in one transaction; then the promise, through the pipe.
       Store store = open();
       for (std::uint64_t last = require_ok(store.record_count());; ++last) {
-        const std::string previous = last == 0 ? std::string(no_previous_sha256) : sha256_hex(require_ok(store.record(last)).canonical);
+        const std::string previous = last == 0 ? std::string(no_previous_sha256)
+                                               : sha256_hex(require_ok(store.record(last)).canonical);
         CalibrationRecord record = random_record(random);
         record.sequence = last + 1;
         record.previous_sha256 = previous;
@@ -299,7 +307,8 @@ TEST_CASE_METHOD(Fixture, "what had returned is there after kill -9 at any momen
     REQUIRE(count >= promised);
     REQUIRE(count <= promised + 1);  // at most one was done and not yet promised
     REQUIRE(require_ok(verified_history(store, key.public_key())).size() == count);
-    REQUIRE(require_ok(store.state("front")) == (count == 0 ? std::nullopt : std::optional(std::to_string(count))));
+    REQUIRE(require_ok(store.state("front")) ==
+            (count == 0 ? std::nullopt : std::optional(std::to_string(count))));
     REQUIRE(require_ok(store.waiting_alert_count()) == count);
     REQUIRE(require_ok(store.next_alert_sequence()) == count + 1);
     promised = count;
@@ -310,7 +319,8 @@ TEST_CASE_METHOD(Fixture, "what had returned is there after kill -9 at any momen
 TEST_CASE_METHOD(Fixture, "a file that is no store of ours, or of a newer calibd, is refused") {
   CHECK(Store::open(file, Store::Mode::read_only).error().code == "store_not_found");
   CHECK_FALSE(std::filesystem::exists(file));
-  CHECK(Store::open(folder.path() / "no_folder" / "x", Store::Mode::read_write).error().code == "store_failed");
+  CHECK(Store::open(folder.path() / "no_folder" / "x", Store::Mode::read_write).error().code ==
+        "store_failed");
   { const Store store = open(); }
   tamper("PRAGMA user_version = 2");
   for (const auto mode : {Store::Mode::read_only, Store::Mode::read_write}) {
@@ -321,7 +331,10 @@ TEST_CASE_METHOD(Fixture, "a file that is no store of ours, or of a newer calibd
   const auto text_file = folder.path() / "text";
   for (const char* end : {"", "-wal", "-shm"}) std::filesystem::remove(file.string() + end);
   FILE* const text = fopen(text_file.c_str(), "w");
-  fputs("this is a text and not a database, long enough to have a header of one hundred bytes ...................", text);
+  fputs(
+      "this is a text and not a database, long enough to have a header of one hundred bytes "
+      "...................",
+      text);
   fclose(text);
   CHECK(Store::open(text_file, Store::Mode::read_only).error().code == "store_failed");
   CHECK(Store::open(text_file, Store::Mode::read_write).error().code == "store_failed");
