@@ -76,7 +76,9 @@ TEST_CASE_METHOD(Fixture, "calibd signs with a key that minisign made") {
   const PublicKey public_key = require_ok(load_public_key(public_file));
   CHECK(key.public_key().key == public_key.key);
   CHECK(key.public_key().id == public_key.id);
-  CHECK_THAT(content_of(public_file), ContainsSubstring(public_key.id_text()));
+  // minisign leaves leading zeros of the key id out.
+  const std::string id = public_key.id_text();
+  CHECK_THAT(content_of(public_file), ContainsSubstring(" " + id.substr(id.find_first_not_of('0')) + "\n"));
   write(signature_file, key.sign(message, "comment"));
   CHECK(succeeds("minisign -V -p " + public_file.string() + " -m " + message_file.string()));
   require_ok(verify_signature(message, key.sign(message, "comment"), public_key));
