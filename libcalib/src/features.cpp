@@ -72,22 +72,27 @@ DepthMap rectify(const DepthMap& depth, const Camera& camera) {
 /// Points that some extrinsic within the bounds can bring into view.
 void keep_points_near_frustum(const LidarScan& scan, const RigidTransform& T_camera_lidar, const SearchBounds& bounds,
                               FeatureSet& features) {
-  // A rotation by at most `angle` moves a bearing by at most `angle`; test against the cone-dilated image rectangle.
-  const double angle = std::min(1.0, std::sqrt(3.0) * bounds.rotation_rad);
-  const double reach = std::sqrt(3.0) * bounds.translation_m;
-  const double left = std::atan2(-0.5 - features.cx, features.fx) - angle;
-  const double right = std::atan2(features.width - 0.5 - features.cx, features.fx) + angle;
-  const double top = std::atan2(-0.5 - features.cy, features.fy) - angle;
-  const double bottom = std::atan2(features.height - 0.5 - features.cy, features.fy) + angle;
+  // The largest angle of Rx Ry Rz with each angle within the bounds, and how far a point can be shifted: by the
+  // translation, and because the LiDAR turns about its own origin and not about the camera's.
+  const double half = std::min(bounds.rotation_rad, 1.0) / 2;
+  const double turn = 2 * std::acos(std::pow(std::cos(half), 3) - std::pow(std::sin(half), 3));
+  const double reach = std::sqrt(3.0) * bounds.translation_m + turn * T_camera_lidar.translation().norm();
+  // The view is where all four of these inward normals have p.normal >= 0. A bearing that comes into view by an angle is
+  // no further than this angle outside each of them.
+  const auto width = static_cast<float>(features.width), height = static_cast<float>(features.height);
+  const Eigen::Vector3f sides[] = {
+      Eigen::Vector3f(features.fx, 0, features.cx + 0.5F).normalized(),
+      Eigen::Vector3f(-features.fx, 0, width - 0.5F - features.cx).normalized(),
+      Eigen::Vector3f(0, features.fy, features.cy + 0.5F).normalized(),
+      Eigen::Vector3f(0, -features.fy, height - 0.5F - features.cy).normalized()};
   const Eigen::Isometry3f T = T_camera_lidar.cast<float>();
   for (const LidarPoint& point : scan.points) {
-    const Eigen::Vector3f p_lidar(point.x_m, point.y_m, point.z_m);
-    const Eigen::Vector3f p = T * p_lidar;
+    const Eigen::Vector3f p = T * Eigen::Vector3f(point.x_m, point.y_m, point.z_m);
     const double range = p.norm();
-    const double extra = range > 2 * reach ? std::asin(reach / range) : 1.0;
-    const double azimuth = std::atan2(p.x(), p.z()), elevation = std::atan2(p.y(), p.z());
-    if (azimuth < left - extra || azimuth > right + extra || elevation < top - extra || elevation > bottom + extra)
-      continue;
+    const double angle = turn + std::asin(std::min(1.0, reach / range)) + 1e-4;  // a margin for roundoff
+    const double least = angle < 1.5 ? -std::sin(angle) * range : -range - 1;
+    const auto may_be_inside = [&](const Eigen::Vector3f& side) { return side.dot(p) >= least; };
+    if (!std::ranges::all_of(sides, may_be_inside)) continue;
     features.x_m.push_back(point.x_m);
     features.y_m.push_back(point.y_m);
     features.z_m.push_back(point.z_m);

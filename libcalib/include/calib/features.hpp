@@ -15,13 +15,13 @@ struct SearchBounds {
   double translation_m = 0.5;                    // per axis
 };
 
-/// What is kept of a pair: everything the mutual information needs, and no image. About 0.7 MB for a 1242 x 375 image
+/// What is kept of a pair: everything the mutual information needs, and no image. About 1 MB for a 1242 x 375 image
 /// and a 64-beam scan.
 ///
 /// Both features are ranks: the value's place among all values of the frame in equal steps 0 .. 251 (a histogram with
-/// equal populations). Ranks do not change under any monotone distortion of depth, so relative inverse depth of unknown
-/// scale serves as well as metres. Nearer is a smaller range and a larger inverse depth; `depth_rank` is turned round so
-/// that both ranks grow with distance.
+/// equal populations). Ranks do not change under any monotone distortion of the distance along the ray, so relative
+/// inverse depth of unknown scale serves as well as metres. Nearer is a smaller range and a larger inverse depth;
+/// `depth_rank` is turned round so that both ranks grow with distance.
 struct FeatureSet {
   static constexpr int ranks = 252;
   static constexpr std::uint8_t no_depth = 255;

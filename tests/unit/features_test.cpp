@@ -1,0 +1,198 @@
+#include "calib/features.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <set>
+#include <tuple>
+
+#include "support/catch.hpp"
+#include "support/simulated_drive.hpp"
+#include "vehicle/random.hpp"
+
+using namespace calib;
+
+namespace {
+
+/// Length of the ray through a pixel that reaches one metre forward.
+double ray_length(const Camera& camera, std::size_t pixel) {
+  const auto u = static_cast<double>(pixel % camera.width()), v = static_cast<double>(pixel / camera.width());
+  return std::hypot(1, (u - camera.cx()) / camera.fx(), (v - camera.cy()) / camera.fy());
+}
+
+LidarScan random_points(vehicle::Random& random, int count, float reach_m) {
+  LidarScan scan;
+  for (int i = 0; i < count; ++i) {
+    const Eigen::Vector3f direction(random.gaussian(), random.gaussian(), random.gaussian());
+    const float range = reach_m * std::pow(random.uniform(0.05F, 1), 3.0F);  // many of them close
+    const Eigen::Vector3f p = direction.normalized() * range;
+    scan.points.push_back({p.x(), p.y(), p.z(), 0});
+  }
+  return scan;
+}
+
+DepthMap wall(const Camera& camera) {
+  const auto pixels = static_cast<std::size_t>(camera.width()) * camera.height();
+  return {camera.width(), camera.height(), std::vector<float>(pixels, 0.1F)};
+}
+
+}  // namespace
+
+TEST_CASE("ranks of depth do not change under any monotone distortion of the distance") {
+  test::SimulatedDrive drive(31);
+  const DepthMap metric = drive.depth(0);
+  const LidarScan scan = drive.scan(0);
+  const auto ranks = [&](const DepthMap& depth) {
+    return test::require_ok(make_features(depth, scan, drive.camera(), drive.T_camera_lidar(), {}, 1000)).depth_rank;
+  };
+  const auto original = ranks(metric);
+  DepthMap scaled = metric, squared = metric;
+  for (std::size_t i = 0; i < metric.inverse_depth.size(); ++i) {
+    scaled.inverse_depth[i] *= 1.0F / 1024;
+    const double length = ray_length(drive.camera(), i), inverse_distance = metric.inverse_depth[i] / length;
+    squared.inverse_depth[i] = static_cast<float>(7 * inverse_distance * inverse_distance * length);
+  }
+  CHECK(ranks(scaled) == original);
+  const auto of_squared = ranks(squared);
+  int different = 0;
+  for (std::size_t i = 0; i < original.size(); ++i) {
+    REQUIRE(std::abs(original[i] - of_squared[i]) <= 1);
+    different += original[i] != of_squared[i];
+  }
+  CHECK(different < 0.001 * static_cast<double>(original.size()));  // rounding at the limits of classes
+}
+
+TEST_CASE("ranks grow with distance and every rank holds its share") {
+  test::SimulatedDrive drive(32);
+  const FeatureSet features = drive.features(0);
+  const DepthMap depth = drive.depth(0);
+  std::vector<std::pair<float, int>> by_range;
+  for (std::size_t i = 0; i < features.x_m.size(); ++i)
+    by_range.emplace_back(Eigen::Vector3f(features.x_m[i], features.y_m[i], features.z_m[i]).norm(),
+                          features.range_rank[i]);
+  std::ranges::sort(by_range);
+  CHECK(std::ranges::is_sorted(by_range, {}, &std::pair<float, int>::second));
+
+  std::vector<int> population(256);
+  for (std::size_t i = 0; i < features.depth_rank.size(); ++i) {
+    ++population[features.depth_rank[i]];
+    REQUIRE((features.depth_rank[i] == FeatureSet::no_depth) == (depth.inverse_depth[i] == DepthMap::no_depth));
+  }
+  const double share = depth.valid_share() * static_cast<double>(depth.inverse_depth.size()) / FeatureSet::ranks;
+  // Single ranks may be empty where many values are equal.
+  for (int coarse = 0; coarse < FeatureSet::ranks; coarse += 12) {
+    int sum = 0;
+    for (int rank = coarse; rank < coarse + 12; ++rank) sum += population[rank];
+    CHECK(sum == Approx(12 * share).epsilon(0.2));
+  }
+}
+
+TEST_CASE("culling keeps every point that an extrinsic within the bounds brings into view") {
+  vehicle::Random random(5);
+  // A long lens, KITTI's, and a wide angle, of which the corners are the difficult part.
+  const std::vector<std::vector<double>> lenses{{900, 900, 320, 96}, {372, 372, 318, 90}, {130, 130, 320, 96}};
+  for (const auto& intrinsics : lenses) {
+    const Camera camera = test::require_ok(Camera::make(CameraModel::rectified, 640, 192, intrinsics));
+    for (int trial = 0; trial < 12; ++trial) {
+      const SearchBounds bounds{random.uniform(0.01F, 0.2F), random.uniform(0, 0.6F)};
+      RigidTransform T = RigidTransform::Identity();  // any mounting, up to two metres from the camera
+      T.linear() = Eigen::Quaterniond(Eigen::Vector4d(random.gaussian(), random.gaussian(), random.gaussian(),
+                                                      random.gaussian()).normalized()).toRotationMatrix();
+      T.translation() << random.uniform(-1.2F, 1.2F), random.uniform(-1.2F, 1.2F), random.uniform(-1.2F, 1.2F);
+      const LidarScan scan = random_points(random, 4000, 40);
+      const FeatureSet kept = test::require_ok(make_features(wall(camera), scan, camera, T, bounds, 0));
+      std::set<std::tuple<float, float, float>> points;
+      for (std::size_t i = 0; i < kept.x_m.size(); ++i) points.emplace(kept.x_m[i], kept.y_m[i], kept.z_m[i]);
+      for (int corner = 0; corner < 64 + 20; ++corner) {
+        Vector6 delta;
+        for (int axis = 0; axis < 6; ++axis) {
+          const double limit = axis < 3 ? bounds.rotation_rad : bounds.translation_m;
+          delta[axis] = limit * (corner >= 64 ? random.uniform(-1, 1) : (corner >> axis & 1) != 0 ? 1 : -1);
+        }
+        const RigidTransform T_moved = T * perturbation(delta);
+        int lost = 0;
+        for (const LidarPoint& p : scan.points)
+          if (camera.project(T_moved * Eigen::Vector3d(p.x_m, p.y_m, p.z_m)))
+            lost += !points.contains({p.x_m, p.y_m, p.z_m});
+        REQUIRE(lost == 0);
+      }
+    }
+  }
+}
+
+TEST_CASE("culling leaves out what no extrinsic within the bounds can bring into view") {
+  test::SimulatedDrive drive(33, 640, 192, {.azimuth_step_deg = 0.5});
+  const LidarScan around = drive.scan(0);
+  const FeatureSet kept = test::require_ok(
+      make_features(drive.depth(0), around, drive.camera(), drive.T_camera_lidar(), {}, 1000));
+  CHECK(static_cast<double>(kept.x_m.size()) < 0.45 * static_cast<double>(around.points.size()));
+}
+
+TEST_CASE("a frame of a 64-beam LiDAR and a 1242 x 375 camera is kept in less than 1.2 MB") {
+  test::SimulatedDrive drive(34, 1242, 375, {.azimuth_step_deg = 0.17});
+  const FeatureSet features = drive.features(0);
+  CHECK(features.memory_bytes() < 1'200'000);
+  CHECK(features.memory_bytes() > features.depth_rank.size() + 13 * features.x_m.size());
+}
+
+TEST_CASE("depth of a camera with distortion is looked up where the pinhole camera would look") {
+  const std::vector<double> intrinsics{372, 372, 318, 90};
+  const Camera bent = test::require_ok(Camera::make(CameraModel::plumb_bob, 640, 192, intrinsics, {-0.2, 0.03, 0, 0}));
+  const Camera straight = test::require_ok(Camera::make(CameraModel::rectified, 640, 192, intrinsics));
+  // A slanting plane, n . p = 1: the inverse depth along a bearing (x, y, 1) is n . (x, y, 1).
+  const auto plane = [](const Camera& camera) {
+    DepthMap depth = wall(camera);
+    for (int v = 0; v < camera.height(); ++v)
+      for (int u = 0; u < camera.width(); ++u) {
+        const auto bearing = camera.unproject(Eigen::Vector2d(u, v));
+        depth.inverse_depth[v * camera.width() + u] =
+            bearing ? static_cast<float>(Eigen::Vector3d(0.05, 0.08, 0.1).dot(*bearing / bearing->z())) : 0;
+      }
+    return depth;
+  };
+  vehicle::Random random(6);
+  const LidarScan scan = random_points(random, 4000, 40);
+  const RigidTransform T = RigidTransform::Identity();
+  const auto seen = test::require_ok(make_features(plane(bent), scan, bent, T, {}, 0)).depth_rank;
+  const auto expected = test::require_ok(make_features(plane(straight), scan, straight, T, {}, 0)).depth_rank;
+  int compared = 0, off = 0;
+  for (std::size_t i = 0; i < seen.size(); ++i) {
+    if (seen[i] == FeatureSet::no_depth) continue;
+    ++compared;
+    off += std::abs(seen[i] - expected[i]) > 8;
+  }
+  CHECK(compared > 0.7 * static_cast<double>(seen.size()));
+  CHECK(off < 0.02 * compared);
+}
+
+TEST_CASE("too few points on depth are refused, as are a depth map of another size, no points and no depth") {
+  test::SimulatedDrive drive(35);
+  const DepthMap depth = drive.depth(0);
+  const LidarScan scan = drive.scan(0);
+  const auto refusal = [&](const DepthMap& from, const LidarScan& points, const RigidTransform& T) {
+    const auto features = make_features(from, points, drive.camera(), T, {}, 1000);
+    return features ? "" : features.error().code;
+  };
+  CHECK(refusal(depth, scan, drive.T_camera_lidar()).empty());
+  CHECK(refusal(depth, {}, drive.T_camera_lidar()) == "low_overlap");
+  CHECK(refusal(depth, scan, drive.T_camera_lidar() * test::knock(0, 0, 170)) == "low_overlap");
+  CHECK(refusal({}, scan, drive.T_camera_lidar()) == "depth_failed");
+  DepthMap nothing = depth;
+  std::ranges::fill(nothing.inverse_depth, std::numeric_limits<float>::quiet_NaN());
+  CHECK(refusal(nothing, scan, drive.T_camera_lidar()) == "low_overlap");
+}
+
+TEST_CASE("a point or an extrinsic that is not a number never gets into a feature set") {
+  test::SimulatedDrive drive(36);
+  constexpr float nan = std::numeric_limits<float>::quiet_NaN();
+  LidarScan scan = drive.scan(0);
+  scan.points.insert(scan.points.begin() + 7, {{nan, 1, 1, 0}, {10, nan, 0, 0}, {10, 0, nan, 0}});
+  const FeatureSet features = test::require_ok(
+      make_features(drive.depth(0), scan, drive.camera(), drive.T_camera_lidar(), {}, 1000));
+  for (std::size_t i = 0; i < features.x_m.size(); ++i)
+    REQUIRE(std::isfinite(features.x_m[i] + features.y_m[i] + features.z_m[i]));
+  CHECK(features.range_rank == drive.features(0).range_rank);
+  RigidTransform T = drive.T_camera_lidar();
+  T.translation().x() = nan;
+  CHECK(make_features(drive.depth(0), scan, drive.camera(), T, {}, 1000).error().code == "low_overlap");
+}
