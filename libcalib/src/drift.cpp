@@ -83,7 +83,7 @@ void DriftBaseline::add(const AxisEvidence& evidence) {
 
 double DriftBaseline::spread(int axis) const {
   // The deviation of n values is itself unsure by 1 / sqrt(2 n); taken too small it would raise false alarms.
-  return deviation(slope_squares[axis], pairs) * (1 + 1 / std::sqrt(2.0 * pairs));
+  return deviation(slope_squares[axis], pairs) * (1 + 1 / std::sqrt(2.0 * std::max(1, pairs)));
 }
 
 bool DriftBaseline::observable(int axis) const {
@@ -117,6 +117,16 @@ double DriftMonitor::evidence() const {
   return std::max(state_.cusum_up.maxCoeff(), state_.cusum_down.maxCoeff());
 }
 
+/// One bad frame must not widen the spread so far that a drift after it is not seen.
+bool DriftMonitor::is_usual(const AxisEvidence& evidence) const {
+  for (int axis = 0; axis < 6; ++axis) {
+    const double spread = state_.baseline.spread(axis);
+    if (spread > 0 && std::abs(evidence.slope[axis] - state_.baseline.slope[axis]) > settings_.max_deviation * spread)
+      return false;
+  }
+  return true;
+}
+
 DriftVerdict DriftMonitor::decide() const {
   const DriftVerdict before = verdict();
   if (evidence() >= settings_.cusum_h) return DriftVerdict::drifted;
@@ -148,7 +158,7 @@ DriftVerdict DriftMonitor::observe(const Stencil& stencil, Timestamp stamp, cons
   if (learned()) {
     accumulate(seen);
     state_.verdict = decide();
-    if (evidence() < settings_.cusum_h / 4 && state_.baseline.pairs < settings_.max_baseline_pairs)
+    if (evidence() < settings_.cusum_h / 4 && state_.baseline.pairs < settings_.max_baseline_pairs && is_usual(seen))
       state_.baseline.add(seen);
     return verdict();
   }
@@ -203,7 +213,7 @@ std::optional<DriftMonitor::Estimate> DriftMonitor::misalignment() const {
 
 std::optional<Timestamp> DriftMonitor::first_sign() const {
   if (verdict() != DriftVerdict::suspect && verdict() != DriftVerdict::drifted) return std::nullopt;
-  if (!learned()) return state_.recent.front().stamp;
+  if (!learned()) return state_.recent.empty() ? std::nullopt : std::optional(state_.recent.front().stamp);
   std::optional<Timestamp> first;
   const auto consider = [&](double evidence, Timestamp since) {
     if (evidence >= settings_.cusum_h / 4 && (!first || since < *first)) first = since;

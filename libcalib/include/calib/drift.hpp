@@ -119,6 +119,7 @@ class DriftMonitor {
   [[nodiscard]] bool learned() const { return state_.baseline.pairs >= settings_.baseline_pairs; }
   [[nodiscard]] double evidence() const;
   void accumulate(const AxisEvidence& evidence);
+  [[nodiscard]] bool is_usual(const AxisEvidence& evidence) const;
   [[nodiscard]] DriftVerdict decide() const;
   [[nodiscard]] DriftVerdict decide_from_start() const;
 
