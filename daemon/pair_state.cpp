@@ -80,6 +80,7 @@ DriftState drift_from(const json& in) {
   drift.baseline = {baseline.at("pairs").get<int>(),     vector6(baseline.at("slope")),
                     vector6(baseline.at("slope_squares")), vector6(baseline.at("curvature")),
                     vector6(baseline.at("curvature_squares")), baseline.at("score").get<double>()};
+  if (drift.baseline.pairs < 0) throw std::invalid_argument("baseline pairs");
   drift.cusum_up = vector6(in.at("cusum_up"));
   drift.cusum_down = vector6(in.at("cusum_down"));
   drift.up_since = stamps_from(in.at("up_since_ns"));
@@ -115,7 +116,7 @@ std::string to_text(const PairState& state) {
               {"last_stamp_ns", state.last_stamp.count()},
               {"proposed_record", optional(state.proposed_record, [](std::uint64_t n) { return json(n); })},
               {"refusals", state.refusals}}
-      .dump();
+      .dump(-1, ' ', false, json::error_handler_t::replace);  // a reason may quote what came over the network
 }
 
 Result<PairState> parse_pair_state(std::string_view text) {
