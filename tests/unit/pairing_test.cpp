@@ -1,0 +1,107 @@
+#include "calib/pairing.hpp"
+
+#include <algorithm>
+#include <random>
+
+#include "support/catch.hpp"
+
+using namespace calib;
+using namespace std::chrono_literals;
+
+namespace {
+
+Image image_at(Timestamp stamp) { return {stamp, 1, 1, {0}}; }
+LidarScan scan_at(Timestamp stamp) { return {stamp, {{1, 2, 3, 0}}}; }
+
+}  // namespace
+
+TEST_CASE("whatever the order of arrival, the pair nearest in time comes out") {
+  // Camera at 10 Hz, LiDAR a little slower: the differences are 30, 21, 12, 3 and 6 ms.
+  std::vector<std::pair<char, Timestamp>> arrivals;
+  for (int i = 0; i < 5; ++i) {
+    arrivals.emplace_back('i', i * 100ms);
+    arrivals.emplace_back('r', i * 100ms + 1ms);
+    arrivals.emplace_back('s', i * 109ms - 30ms);
+  }
+  std::mt19937 random(1);
+  for (int trial = 0; trial < 2000; ++trial) {
+    std::ranges::shuffle(arrivals, random);
+    PairBuffer buffer(40ms, true);
+    for (const auto& [kind, stamp] : arrivals)
+      kind == 'i'   ? buffer.add_image(image_at(stamp))
+      : kind == 'r' ? buffer.add_right_image(image_at(stamp))
+                    : buffer.add_scan(scan_at(stamp));
+    const auto pair = buffer.take();
+    REQUIRE(pair);
+    REQUIRE(pair->image.stamp == 300ms);
+    REQUIRE(pair->right_image->stamp == 301ms);
+    REQUIRE(pair->scan.stamp == 297ms);
+    REQUIRE(pair->time_difference() == -3ms);
+    REQUIRE(pair->scan.points.size() == 1);
+    // What is left is younger than what was taken: one more pair, then none.
+    const auto next = buffer.take();
+    REQUIRE(next);
+    REQUIRE(next->image.stamp == 400ms);
+    REQUIRE_FALSE(buffer.take());
+  }
+}
+
+TEST_CASE("swapping which sensor is early changes the sign of the difference and nothing else") {
+  for (const auto lead : {0ms, 7ms, 25ms}) {
+    PairBuffer a(25ms, false), b(25ms, false);
+    a.add_image(image_at(1s));
+    a.add_scan(scan_at(1s + lead));
+    b.add_image(image_at(1s + lead));
+    b.add_scan(scan_at(1s));
+    const auto from_a = a.take(), from_b = b.take();
+    REQUIRE((from_a && from_b));
+    CHECK(from_a->time_difference() == -from_b->time_difference());
+  }
+}
+
+TEST_CASE("the tolerance belongs to the pairs, and a nanosecond more does not") {
+  for (const bool within : {true, false}) {
+    PairBuffer buffer(25ms, false);
+    buffer.add_image(image_at(1s));
+    buffer.add_scan(scan_at(1s + 25ms + (within ? 0ns : 1ns)));
+    CHECK(buffer.take().has_value() == within);
+  }
+}
+
+TEST_CASE("a sensor that runs on alone costs no memory: only its latest samples can still be paired") {
+  PairBuffer buffer(1ms, false);
+  for (int i = 0; i < 1000; ++i) buffer.add_image(image_at(i * 100ms));
+  PairBuffer old = buffer;
+  old.add_scan(scan_at(900 * 100ms));
+  CHECK_FALSE(old.take());
+  buffer.add_scan(scan_at(998 * 100ms));
+  REQUIRE(buffer.take());
+  buffer.add_scan(scan_at(999 * 100ms));
+  CHECK(buffer.take());
+}
+
+TEST_CASE("why there is no pair names the sensor that is to blame") {
+  const auto says = [](const PairBuffer& buffer, const char* code, const char* word) {
+    const Error error = buffer.why_none();
+    CHECK(error.code == code);
+    CHECK_THAT(error.context, Catch::Matchers::ContainsSubstring(word));
+  };
+  PairBuffer buffer(25ms, true);
+  says(buffer, "sensor_silent", "camera");
+  buffer.add_image(image_at(1s));
+  says(buffer, "sensor_silent", "LiDAR");
+  buffer.add_scan(scan_at(1100ms));
+  says(buffer, "right_image_missing", "right camera");
+  buffer.add_right_image(image_at(1s));
+  says(buffer, "time_difference", "100 ms");
+  buffer.add_image(image_at(1110ms));
+  CHECK_FALSE(buffer.take());
+  says(buffer, "right_image_missing", "triggered together");
+  buffer.add_right_image(image_at(1115ms));
+  CHECK(buffer.take());
+}
+
+TEST_CASE("an empty buffer gives no pair") {
+  CHECK_FALSE(PairBuffer(1s, false).take());
+  CHECK_FALSE(PairBuffer(1s, true).take());
+}

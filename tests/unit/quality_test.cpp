@@ -1,0 +1,84 @@
+#include "calib/quality.hpp"
+
+#include <functional>
+
+#include "support/catch.hpp"
+#include "support/support.hpp"
+#include "vehicle/random.hpp"
+
+using namespace calib;
+
+namespace {
+
+constexpr int width = 240, height = 96;
+
+Camera camera() { return test::require_ok(Camera::make(CameraModel::rectified, width, height, {200, 200, 120, 48})); }
+
+FramePair pair_of(const std::function<int(int, int)>& grey, std::size_t points = 5000) {
+  FramePair pair{.image = {{}, width, height, {}}, .right_image = {}, .scan = {}};
+  for (int v = 0; v < height; ++v)
+    for (int u = 0; u < width; ++u) pair.image.pixels.push_back(static_cast<std::uint8_t>(grey(u, v)));
+  pair.scan.points.resize(points, {10, 0, 0, 0});
+  return pair;
+}
+
+/// Blocks of chance brightness: a street as far as these checks can tell.
+int street(int u, int v) { return 60 + static_cast<int>(vehicle::mix(u / 12, v / 12) % 120); }
+
+std::string refusal(const FramePair& pair, const SceneThumbnail* last = nullptr) {
+  const auto result = check_pair(pair, camera(), last, {});
+  return result ? "" : result.error().code;
+}
+
+}  // namespace
+
+TEST_CASE("a street by day passes, and each thing that is wrong with a pair has its own word") {
+  CHECK(refusal(pair_of(street)).empty());
+  CHECK(refusal(pair_of([](int u, int v) { return street(u, v) / 12; })) == "dark");
+  CHECK(refusal(pair_of([](int u, int v) { return u < width / 2 ? 255 : street(u, v); })) == "saturated");
+  CHECK(refusal(pair_of([](int u, int v) { return 100 + street(u, v) / 60; })) == "low_texture");
+  CHECK(refusal(pair_of(street, 0)) == "low_overlap");
+  CHECK(refusal(pair_of(street, 999)) == "low_overlap");
+
+  FramePair turned = pair_of(street);
+  std::swap(turned.image.width, turned.image.height);
+  CHECK(refusal(turned) == "image_size_mismatch");
+  FramePair none = pair_of(street);
+  none.image = {};
+  CHECK(refusal(none) == "image_size_mismatch");
+}
+
+TEST_CASE("every refusal names the value and its limit") {
+  const auto dark = check_pair(pair_of([](int, int) { return 7; }), camera(), nullptr, {});
+  REQUIRE_FALSE(dark);
+  CHECK_THAT(dark.error().context, Catch::Matchers::ContainsSubstring("7.00") &&
+                                       Catch::Matchers::ContainsSubstring("20.00"));
+}
+
+TEST_CASE("a vehicle that stands is told from one that moves, whatever the noise, whichever came first") {
+  const FramePair here = pair_of(street);
+  const FramePair noisy =
+      pair_of([](int u, int v) { return street(u, v) + static_cast<int>(vehicle::mix(u, v) % 21) - 10; });
+  const FramePair ahead = pair_of([](int u, int v) { return street(u + 12, v); });
+  const SceneThumbnail was_here = thumbnail(here.image), was_ahead = thumbnail(ahead.image);
+  CHECK(refusal(here, &was_here) == "standing_still");
+  CHECK(refusal(noisy, &was_here) == "standing_still");
+  CHECK(refusal(ahead, &was_here).empty());
+  CHECK(refusal(here, &was_ahead).empty());
+}
+
+TEST_CASE("a thumbnail is small and the same size for every image") {
+  const Image tiny{{}, 3, 2, std::vector<std::uint8_t>(6, 9)};
+  CHECK(thumbnail(tiny).grey.size() == thumbnail(pair_of(street).image).grey.size());
+  CHECK(thumbnail(Image{}).grey == std::vector<std::uint8_t>(thumbnail(tiny).grey.size(), 0));
+}
+
+TEST_CASE("depth is good from the limit on, and values that are no depth do not count") {
+  DepthMap depth{10, 10, std::vector<float>(100, DepthMap::no_depth)};
+  for (int i = 0; i < 14; ++i) depth.inverse_depth[i] = 0.1F;
+  for (int i = 20; i < 60; ++i) depth.inverse_depth[i] = std::numeric_limits<float>::quiet_NaN();
+  CHECK(check_depth(depth, {}).error().code == "few_valid_depth");
+  depth.inverse_depth[14] = 0.1F;
+  CHECK(check_depth(depth, {}));
+  CHECK(check_depth(DepthMap{}, {}).error().code == "few_valid_depth");
+}
