@@ -1,0 +1,103 @@
+#include <benchmark/benchmark.h>
+
+#include "calib/depth_stereo.hpp"
+#include "calib/recalibrate.hpp"
+#include "support/simulated_drive.hpp"
+#include "vehicle/vehicle.hpp"
+
+using namespace calib;
+
+namespace {
+
+/// KITTI's size: a 64-beam LiDAR all around and a 1242 x 375 camera.
+constexpr int width = 1242, height = 375;
+constexpr vehicle::LidarModel lidar{.azimuth_step_deg = 0.17};
+constexpr int fitted = 25, held_back = 6;
+
+test::SimulatedDrive& drive() {
+  static test::SimulatedDrive drive(1, width, height, lidar);
+  return drive;
+}
+
+const std::vector<FeatureSet>& frames() {
+  static const auto frames = drive().features_of(fitted + held_back, test::knock(0, 0, 1));
+  return frames;
+}
+
+void time_per_point(benchmark::State& state, std::size_t points) {
+  state.counters["points"] = static_cast<double>(points);
+  state.counters["each"] = benchmark::Counter(
+      static_cast<double>(points), benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
+}
+
+void score_of_a_frame(benchmark::State& state) {
+  const FeatureSet& frame = frames().front();
+  const ObjectiveOptions options{.bins = static_cast<int>(state.range(0)), .stride = 1};
+  for (auto _ : state) benchmark::DoNotOptimize(score(frame, drive().T_camera_lidar(), options));
+  time_per_point(state, frame.x_m.size());
+}
+
+/// What a score cannot do without: read a point's coordinates and rank, read one pixel, increment one count.
+void memory_floor(benchmark::State& state) {
+  const FeatureSet& frame = frames().front();
+  const std::size_t pixels_per_point = frame.depth_rank.size() / frame.x_m.size();
+  std::vector<std::uint32_t> counts(64 * 64);
+  for (auto _ : state) {
+    for (std::size_t i = 0; i < frame.x_m.size(); ++i) {
+      const std::uint8_t rank = frame.depth_rank[i * pixels_per_point];
+      counts[frame.range_rank[i] / 4 * 64 + rank / 4] += frame.x_m[i] + frame.y_m[i] + frame.z_m[i] > -1e6F;
+    }
+    benchmark::ClobberMemory();
+  }
+  time_per_point(state, frame.x_m.size());
+}
+
+void stencil_of_a_frame(benchmark::State& state) {
+  const FeatureSet& frame = frames().front();
+  for (auto _ : state) benchmark::DoNotOptimize(evaluate_stencil(frame, drive().T_camera_lidar()));
+  time_per_point(state, 13 * frame.x_m.size());
+}
+
+void features_of_a_pair(benchmark::State& state) {
+  const DepthMap depth = drive().depth(0);
+  const LidarScan scan = drive().scan(0);
+  std::size_t bytes = 0;
+  for (auto _ : state)
+    bytes = test::require_ok(make_features(depth, scan, drive().camera(), drive().T_camera_lidar(), {}, 1000))
+                .memory_bytes();
+  state.counters["points_in_scan"] = static_cast<double>(scan.points.size());
+  state.counters["bytes_kept"] = static_cast<double>(bytes);
+}
+
+void stereo_depth_of_a_pair(benchmark::State& state) {
+  vehicle::Simulation simulation;
+  simulation.width = width;
+  simulation.height = height;
+  const auto vehicle = test::require_ok(vehicle::simulated_vehicle(simulation));
+  const FramePair pair = test::require_ok(vehicle.frame(0, 0, RigidTransform::Identity()));
+  const auto estimator = test::require_ok(make_stereo_depth(vehicle.camera, vehicle.baseline_m));
+  for (auto _ : state) benchmark::DoNotOptimize(test::require_ok(estimator->estimate(pair)));
+}
+
+void recalibration(benchmark::State& state) {
+  const auto all = test::pointers(frames());
+  const Frames fit = Frames(all).first(fitted), held = Frames(all).last(held_back);
+  int evaluations = 0;
+  for (auto _ : state)
+    evaluations = test::require_ok(recalibrate(fit, held, drive().T_camera_lidar(), {})).evaluations;
+  state.counters["evaluations"] = evaluations;
+  std::size_t bytes = 0;
+  for (const FeatureSet& frame : frames()) bytes += frame.memory_bytes();
+  state.counters["bytes_kept"] = static_cast<double>(bytes);
+}
+
+BENCHMARK(memory_floor)->Unit(benchmark::kMicrosecond);
+BENCHMARK(score_of_a_frame)->Arg(32)->Arg(64)->Unit(benchmark::kMicrosecond);
+BENCHMARK(stencil_of_a_frame)->Unit(benchmark::kMillisecond);
+BENCHMARK(features_of_a_pair)->Unit(benchmark::kMillisecond);
+BENCHMARK(stereo_depth_of_a_pair)->Unit(benchmark::kMillisecond);
+BENCHMARK(recalibration)->Unit(benchmark::kMillisecond)->Iterations(1)->Repetitions(3);
+
+}  // namespace
+
+BENCHMARK_MAIN();
