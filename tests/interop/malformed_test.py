@@ -1,0 +1,192 @@
+"""Whatever a peer sends: calibd counts it under its reason, lives, keeps its memory, and evaluates the next good pair."""
+
+import copy
+import dataclasses
+import time
+import zlib
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cyclonedds", reason="no cyclonedds package for this machine")
+import ros  # noqa: E402
+import vehicle  # noqa: E402
+
+IMAGE, CLOUD = "sensor_msgs/Image", "sensor_msgs/PointCloud2"
+COMPRESSED, INFO = "sensor_msgs/CompressedImage", "sensor_msgs/CameraInfo"
+# The front pair reads raw images; the rear one, which nobody drives, compressed ones.
+TOPICS = {IMAGE: (ros.Image, vehicle.LEFT), CLOUD: (ros.PointCloud2, vehicle.CLOUD),
+          INFO: (ros.CameraInfo, "/camera/left/camera_info"),
+          COMPRESSED: (ros.CompressedImage, "/rear/left/compressed")}
+POINTS = np.ones((6, 4), np.float32)
+PIXELS = np.full((4, 6), 7, np.uint8)
+
+
+def image(**changes):
+    return ros.cdr(IMAGE, dataclasses.replace(vehicle.image_message(1, PIXELS), **changes))
+
+
+def cloud(**changes):
+    return ros.cdr(CLOUD, dataclasses.replace(vehicle.cloud_message(1, POINTS), **changes))
+
+
+def compressed(data, format="png"):
+    return ros.cdr(COMPRESSED, ros.message("sensor_msgs/CompressedImage", header=ros.header(1, "camera"), format=format,
+                                           data=np.frombuffer(data, np.uint8)))
+
+
+def png(width, height):
+    """A PNG with this header and hardly any pixels."""
+    def chunk(kind, body):
+        return len(body).to_bytes(4, "big") + kind + body + zlib.crc32(kind + body).to_bytes(4, "big")
+
+    head = width.to_bytes(4, "big") + height.to_bytes(4, "big") + b"\x08\x00\x00\x00\x00"
+    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(b"\0" * 9))
+            + chunk(b"IEND", b""))
+
+
+def info(**changes):
+    roi = ros.message("sensor_msgs/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
+    good = ros.message(INFO, header=ros.header(1, "camera"), height=4, width=6, distortion_model="plumb_bob",
+                       d=np.zeros(5), k=np.array([9, 0, 3, 0, 9, 2, 0, 0, 1], float), r=np.zeros(9), p=np.zeros(12),
+                       binning_x=0, binning_y=0, roi=roi)
+    return ros.cdr(INFO, dataclasses.replace(good, **changes))
+
+
+def with_focal_length(f):
+    return np.array([f, 0, 3, 0, f, 2, 0, 0, 1], float)
+
+
+def fields(**changes):
+    """The cloud's fields, with the last one changed."""
+    good = vehicle.cloud_message(1, POINTS).fields
+    return good[:-1] + [dataclasses.replace(good[-1], **changes)]
+
+
+def bad_stamp():
+    stamp = ros.message("builtin_interfaces/Time", sec=1, nanosec=10**9)
+    return ros.message("std_msgs/Header", stamp=stamp, frame_id="")
+
+
+WAYS = {
+    "image, stamp": ("malformed:stamp", IMAGE, lambda: image(header=bad_stamp())),
+    "image, encoding": ("malformed:encoding", IMAGE, lambda: image(encoding="\x1b[2Jnone")),
+    "image, depth": ("malformed:depth_encoding", IMAGE, lambda: image(encoding="16UC1")),
+    "image, no pixels": ("malformed:image_size", IMAGE, lambda: image(width=0)),
+    "image, size overflows": ("malformed:image_size", IMAGE, lambda: image(width=2**31, height=2**31, step=2**31)),
+    "image, step": ("malformed:step", IMAGE, lambda: image(step=5)),
+    "image, data": ("malformed:image_data", IMAGE, lambda: image(data=np.zeros(23, np.uint8))),
+    "image, step overflows": ("malformed:image_data", IMAGE, lambda: image(step=2**30)),
+    "cloud, stamp": ("malformed:stamp", CLOUD, lambda: cloud(header=bad_stamp())),
+    "cloud, point step 0": ("malformed:point_step", CLOUD, lambda: cloud(point_step=0)),
+    "cloud, point step": ("malformed:point_step", CLOUD, lambda: cloud(point_step=4097)),
+    "cloud, points": ("malformed:cloud_size", CLOUD, lambda: cloud(width=4_000_001)),
+    "cloud, points overflow": ("malformed:cloud_size", CLOUD, lambda: cloud(width=2**16, height=2**16)),
+    "cloud, fields": ("malformed:fields", CLOUD, lambda: cloud(fields=fields() * 17)),
+    "cloud, field type": ("malformed:field_type", CLOUD, lambda: cloud(fields=fields(datatype=9))),
+    "cloud, field offset": ("malformed:field_bounds", CLOUD, lambda: cloud(fields=fields(offset=13))),
+    "cloud, field offset overflows": ("malformed:field_bounds", CLOUD, lambda: cloud(fields=fields(offset=2**32 - 1))),
+    "cloud, field count overflows": ("malformed:field_bounds", CLOUD, lambda: cloud(fields=fields(count=2**32 - 1))),
+    "cloud, no z": ("malformed:xyz", CLOUD, lambda: cloud(fields=fields()[:2])),
+    "cloud, two z": ("malformed:xyz", CLOUD, lambda: cloud(fields=fields(name="z"))),
+    "cloud, row step": ("malformed:row_step", CLOUD, lambda: cloud(row_step=95)),
+    "cloud, data": ("malformed:cloud_data", CLOUD, lambda: cloud(data=np.zeros(95, np.uint8))),
+    "cloud, row step overflows": ("malformed:cloud_data", CLOUD, lambda: cloud(height=3, width=2, row_step=2**32 - 1)),
+    "compressed, size": ("malformed:compressed_size", COMPRESSED, lambda: compressed(bytes(32_000_001))),
+    "compressed, empty": ("malformed:compressed_size", COMPRESSED, lambda: compressed(b"")),
+    "compressed, format": ("malformed:compressed_format", COMPRESSED, lambda: compressed(b"GIF89a" + bytes(64))),
+    "compressed, depth": ("malformed:depth_encoding", COMPRESSED, lambda: compressed(png(8, 8), "16UC1; png")),
+    "compressed, bomb": ("malformed:compressed_dimensions", COMPRESSED, lambda: compressed(png(60_000, 60_000))),
+    "compressed, data": ("malformed:compressed_data", COMPRESSED, lambda: compressed(png(8, 8)[:-30])),
+    "info, not finite": ("malformed:intrinsics", INFO, lambda: info(k=with_focal_length(float("nan")))),
+    "info, focal length": ("malformed:intrinsics", INFO, lambda: info(k=with_focal_length(1e5))),
+    "info, distortion": ("malformed:distortion", INFO, lambda: info(d=np.zeros(3))),
+    "info, model": ("malformed:distortion", INFO, lambda: info(distortion_model="pancake")),
+    "info, size": ("malformed:image_size", INFO, lambda: info(width=2**31, height=2**31)),
+}
+
+
+@dataclasses.dataclass
+class Bench:
+    daemon: vehicle.Calibd
+    writers: dict
+    peer: ros.Peer
+    frames: list
+
+    def counted(self, reason):
+        return sum(pair["skipped"].get(reason, 0) for pair in self.daemon.pairs().values())
+
+    def evaluates(self):
+        """The next good pairs are evaluated."""
+        before = self.daemon.pair()["evaluated"]
+        with vehicle.Vehicle(self.peer, self.frames):
+            self.daemon.wait_for(lambda: self.daemon.pair()["evaluated"] >= before + 2, 60)
+
+
+@pytest.fixture(scope="module")
+def bench(bin_dir, dds_domain, tmp_path_factory):
+    peer = ros.Peer(dds_domain)
+    writers = {kind: peer.writer(*topic) for kind, topic in TOPICS.items()}
+    folder = tmp_path_factory.mktemp("calibd")
+    config = vehicle.configuration(folder, dds_domain, "500ms", "500ms")
+    rear = copy.deepcopy(config["pairs"][0])
+    rear["name"] = "rear"
+    rear["camera"] |= {"image": TOPICS[COMPRESSED][1], "right_image": "/rear/right/compressed"}
+    rear["lidar"]["cloud"] = "/rear/points"
+    config["pairs"][0]["camera"]["info"] = TOPICS[INFO][1]
+    config["pairs"].append(rear)
+    with vehicle.Calibd(bin_dir, folder, config) as daemon:
+        yield Bench(daemon, writers, peer, vehicle.render(6))
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_malformed_message_is_counted_under_its_reason(bench, way):
+    reason, kind, make = WAYS[way]
+    encoded, before = make(), bench.counted(reason)
+
+    def counted():
+        for _ in range(10):  # readers come and go with the sampling window
+            ros.write_cdr(bench.writers[kind], encoded)
+            time.sleep(0.02)
+        return bench.counted(reason) > before
+
+    bench.daemon.wait_for(counted, 30)
+
+
+def test_after_all_of_them_the_next_good_pair_is_evaluated(bench):
+    bench.evaluates()
+
+
+@pytest.mark.parametrize("kind,encoded", [
+    (IMAGE, b"\x00\x01\x00\x00"), (IMAGE, b"\x00\x01\x00\x00" + b"\xff" * 64), (IMAGE, image()[:40]),
+    (CLOUD, b"\x00\x01\x00\x00" + b"\xff" * 64), (CLOUD, cloud()[:60]), (CLOUD, b"\x00\x0b\x00\x00" + cloud()[4:])])
+def test_bytes_that_are_no_message_are_dropped(bench, kind, encoded):
+    for _ in range(100):
+        ros.write_cdr(bench.writers[kind], encoded)
+        time.sleep(0.005)
+    bench.evaluates()
+
+
+def test_thousands_of_them_cost_no_memory(bench):
+    big = np.zeros((240, 640), np.uint8)
+    floods = [(kind, make()) for way, (_, kind, make) in WAYS.items() if way != "compressed, size"]
+    floods.append((IMAGE, ros.cdr(IMAGE, dataclasses.replace(vehicle.image_message(1, big), step=639))))
+
+    def flood(rounds):
+        for _ in range(rounds):
+            for kind, encoded in floods:
+                ros.write_cdr(bench.writers[kind], encoded)
+            time.sleep(0.005)
+
+    def total():
+        return sum(count for pair in bench.daemon.pairs().values() for reason, count in pair["skipped"].items()
+                   if reason.startswith("malformed:"))
+
+    bench.evaluates()  # everything is allocated that ever will be
+    flood(50)
+    resident, counted = bench.daemon.resident_bytes(), total()
+    flood(200)
+    assert total() > counted + 200, "the flood was not seen"
+    grown = bench.daemon.resident_bytes() - resident
+    assert grown < 8 * 2**20, f"{grown / 2**20:.1f} MiB more after the second flood"
+    bench.evaluates()
