@@ -1,5 +1,6 @@
 #include "pair_monitor.hpp"
 
+#include <cmath>
 #include <set>
 
 #include "calib/depth_stereo.hpp"

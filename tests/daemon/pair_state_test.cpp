@@ -1,5 +1,6 @@
 #include "pair_state.hpp"
 
+#include <limits>
 #include <nlohmann/json.hpp>
 
 #include "support/catch.hpp"

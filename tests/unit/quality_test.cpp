@@ -1,6 +1,7 @@
 #include "calib/quality.hpp"
 
 #include <functional>
+#include <limits>
 
 #include "support/catch.hpp"
 #include "support/support.hpp"
