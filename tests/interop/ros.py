@@ -201,10 +201,13 @@ class Peer:
 
     XCDR1 = Policy.DataRepresentation(use_cdrv0_representation=True)
 
+    _domains = {}  # a program has one of each
+
     def __init__(self, domain):
-        self._domain = Domain(domain, '<CycloneDDS><Domain><General><Interfaces>'
-                                      '<NetworkInterface name="lo" multicast="true"/>'
-                                      '</Interfaces></General></Domain></CycloneDDS>')
+        if domain not in self._domains:
+            self._domains[domain] = Domain(domain, '<CycloneDDS><Domain><General><Interfaces>'
+                                                   '<NetworkInterface name="lo" multicast="true"/>'
+                                                   '</Interfaces></General></Domain></CycloneDDS>')
         self._participant = DomainParticipant(domain)
 
     def writer(self, kind, topic, reliable=True):
@@ -219,7 +222,7 @@ class Peer:
 
 
 def write_cdr(writer, encoded):
-    """Writes bytes as they are, good or not."""
+    """Writes these bytes; Cyclone refuses what is not CDR of the writer's type."""
     sample = object.__new__(writer.data_type)
     sample.serialize = types.MethodType(lambda self, **_: encoded, sample)
     writer.write(sample)
