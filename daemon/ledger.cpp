@@ -27,7 +27,7 @@ std::string alert_text(const DriftAlert& alert) {
               {"sigma_rotation_rad", three(alert.misalignment.sigma.head<3>())},
               {"sigma_translation_m", three(alert.misalignment.sigma.tail<3>())},
               {"record_sequence", alert.record_sequence}}
-      .dump();
+      .dump(-1, ' ', false, json::error_handler_t::replace);  // a reason may quote what came over the network
 }
 
 Vector6 six(const json& first, const json& last) {

@@ -139,6 +139,8 @@ int main(int argc, char** argv) {
   const auto signal_fd = block_signals();
   if (!signal_fd) return complain(signal_fd.error(), exit_failed);
   auto key = calib::SigningKey::load(config->signing_key);
+  if (!key && key.error().code == "key_not_found")
+    key.error().context += "; make a key with `calibctl keygen --out " + config->signing_key.string() + "`";
   if (!key) return complain(key.error(), exit_config);
   if (auto made = make_directories(*config); !made) return complain(made.error(), exit_config);
   auto control = calib::ControlSocket::open(config->runtime_dir / "control.sock");

@@ -181,7 +181,7 @@ void Service::evaluated(Watch& watch, const FramePair& pair, const PairMonitor::
 
 void Service::skipped(Watch& watch, const Error& error) {
   ++watch.windows_without_evidence;
-  watch.last_skip = error.code + ": " + error.context;
+  watch.last_skip = error.code + ": " + escape_control(error.context);
   // What is malformed was counted message by message as it came.
   if (!error.code.starts_with("malformed:")) ++watch.state.skipped[error.code];
 }

@@ -42,6 +42,16 @@ json in_json(const Recalibration& result) {
             {"held_back_after", result.held_back_after}}}};
 }
 
+std::string_view message_id(const PairState& state) {
+  switch (state.verdict) {
+    case Verdict::drifted: return message_ids::drifted;
+    case Verdict::suspect: return message_ids::drift_suspected;
+    case Verdict::calibrated: return message_ids::cleared;
+    case Verdict::not_evaluated: break;
+  }
+  return state.reason.starts_with("sensor_silent") ? message_ids::sensor_silent : message_ids::not_evaluated;
+}
+
 std::string number(std::uint64_t value) { return std::to_string(value); }
 
 }  // namespace
@@ -118,12 +128,7 @@ bool Service::write(Watch& watch, PairState after, std::optional<CalibrationReco
     journal(4, message_ids::bus_failed, name + ": " + sent.error().context + "; the alert is kept and sent at the next start");
   const Verdict verdict = watch.state.verdict;
   const bool cleared = verdict == Verdict::calibrated || verdict == Verdict::not_evaluated;
-  journal(cleared ? 5 : 4,
-          verdict == Verdict::drifted     ? message_ids::drifted
-          : verdict == Verdict::suspect   ? message_ids::drift_suspected
-          : verdict == Verdict::calibrated ? message_ids::cleared
-                                          : message_ids::not_evaluated,
-          name + ": " + std::string(to_string(verdict)) + " (was " + std::string(to_string(before)) +
+  journal(cleared ? 5 : 4, message_id(watch.state), name + ": " + std::string(to_string(verdict)) + " (was " + std::string(to_string(before)) +
               "): " + watch.state.reason);
   return true;
 }

@@ -166,6 +166,7 @@ DriftVerdict DriftMonitor::observe(const Stencil& stencil, Timestamp stamp, cons
   // Nothing is learned from pairs that already speak of misalignment.
   if (state_.verdict == DriftVerdict::learning &&
       state_.recent.size() >= static_cast<std::size_t>(settings_.baseline_pairs)) {
+    state_.baseline = {};
     for (const AxisEvidence& evidence : state_.recent) state_.baseline.add(evidence);
     state_.verdict = DriftVerdict::calibrated;
   }

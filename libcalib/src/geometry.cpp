@@ -23,12 +23,14 @@ RigidTransform perturbation_about(const Vector6& delta, const Eigen::Vector3d& p
 }
 
 Vector6 perturbation_parameters(const RigidTransform& motion) {
-  // R = Rx Ry Rz: R(0,2) = sin(pitch), R(0,0..1) = cos(pitch) (cos(yaw), -sin(yaw)).
+  // R = Rx Ry Rz: R(0,2) = sin(pitch). Yaw is taken from Rx^-1 R, whose middle row is (sin(yaw), cos(yaw), 0): so roll and
+  // yaw stay consistent with each other where the pitch is a right angle and only their sum or difference is defined.
   const Eigen::Matrix3d R = motion.linear();
   Vector6 delta;
   delta[0] = std::atan2(-R(1, 2), R(2, 2));
   delta[1] = std::asin(std::clamp(R(0, 2), -1.0, 1.0));
-  delta[2] = std::atan2(-R(0, 1), R(0, 0));
+  const double c = std::cos(delta[0]), s = std::sin(delta[0]);
+  delta[2] = std::atan2(c * R(1, 0) + s * R(2, 0), c * R(1, 1) + s * R(2, 1));
   delta.tail<3>() = motion.translation();
   return delta;
 }

@@ -16,7 +16,7 @@ struct ObjectiveOptions {
 };
 
 /// Normalised mutual information (H(X) + H(Y)) / H(X, Y), after Studholme 1999, of a frame's LiDAR range and image depth:
-/// 1 for independent features, 2 for identical ones. It is the paper's D2D mutual information (Eq. "MI") over ranks
+/// 1 for independent features, more the more one tells of the other, at most 2. It is the paper's D2D mutual information (Eq. "MI") over ranks
 /// instead of linear bins, divided so that a change of overlap moves it least; the joint histogram is smoothed with
 /// [1 2 1]/4 in both directions.
 struct Score {

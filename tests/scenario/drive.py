@@ -1,0 +1,105 @@
+"""A drive: a vehicle of tools/ that publishes on loopback, and calibd that watches it. Tests say the physics and the bounds."""
+
+import json
+import math
+import signal
+import subprocess
+import time
+
+RATE_HZ = 2
+
+
+def difference(a, b):
+    """Angle (degrees) and distance (cm) between two transforms, however their quaternions are signed."""
+    x, y, z, w = a["quaternion_xyzw"]
+    i, j, k, r = b["quaternion_xyzw"]
+    vector = (w * i - x * r - y * k + z * j, w * j + x * k - y * r - z * i, w * k - x * j + y * i - z * r)
+    scalar = w * r + x * i + y * j + z * k
+    angle = 2 * math.atan2(math.hypot(*vector), abs(scalar))
+    return math.degrees(angle), 100 * math.dist(a["translation_m"], b["translation_m"])
+
+
+class Drive:
+    """`vehicle` is the program with what it shall do; both programs end, by process id, with the `with` block."""
+
+    def __init__(self, bin_dir, folder, domain, *vehicle, configure=lambda text: text):
+        self.bin, self.folder = bin_dir, folder
+        self.vehicle_words = [str(word) for word in vehicle]
+        self.domain = domain
+        self.config = folder / "calibd.yaml"
+        pairs = subprocess.run([*self.vehicle_command(), "--print-config"], capture_output=True, text=True, check=True).stdout
+        self.config.write_text(configure(
+            f"vehicle: scenario-car\nstate_dir: {folder}/state\nruntime_dir: {folder}/run\n"
+            f"dds: {{domain: {domain}, interface: lo}}\nsigning_key: {folder}/signing.key\n"
+            "sampling: {period: 500ms, window: 500ms, max_time_difference: 50ms}\n" + pairs))
+        self.ctl("keygen", "--out", folder / "signing.key")
+        self.vehicle = self.calibd = None
+
+    def vehicle_command(self):
+        return [self.bin / self.vehicle_words[0], *self.vehicle_words[1:]]
+
+    def __enter__(self):
+        self.start_calibd()
+        with (self.folder / "truth.jsonl").open("wb") as truth:
+            self.vehicle = subprocess.Popen([*self.vehicle_command(), "--rate", str(RATE_HZ), "--domain", str(self.domain)],
+                                            stdout=truth)
+        self.wait_for(lambda _: self.truth_lines(), 30)
+        return self
+
+    def start_calibd(self):
+        with (self.folder / "calibd.log").open("ab") as log:
+            self.calibd = subprocess.Popen([self.bin / "calibd", "--config", self.config], stderr=log)
+
+    def kill_calibd(self):
+        self.calibd.kill()
+        self.calibd.wait(10)
+
+    def __exit__(self, *_):
+        for process in (self.vehicle, self.calibd):
+            process.send_signal(signal.SIGTERM)
+        assert [self.vehicle.wait(30), self.calibd.wait(30)] == [0, 0], self.log()
+
+    def ctl(self, *words):
+        return subprocess.run([self.bin / "calibctl", "--socket", self.folder / "run/control.sock", "--state-dir",
+                               self.folder / "state", "--public-key", self.folder / "signing.pub", *map(str, words)],
+                              capture_output=True, text=True, timeout=60, check=False)
+
+    def log(self):
+        return (self.folder / "calibd.log").read_text(errors="replace")
+
+    def status(self):
+        """The pair as calibd tells it; nothing while calibd does not answer."""
+        done = self.ctl("status", "--json")
+        status = json.loads(done.stdout) if done.returncode == 0 else None
+        return status["pairs"][0] if status and status["daemon"]["running"] else None
+
+    def truth_lines(self):
+        return [json.loads(line) for line in (self.folder / "truth.jsonl").read_text().splitlines()]
+
+    def truth(self):
+        """Where the LiDAR is, as the vehicle last said, and whether it was knocked."""
+        last = self.truth_lines()[-1]
+        return last["T_camera_lidar"], any(last["knock_deg"]) or any(last["knock_cm"])
+
+    def wait_for(self, condition, seconds):
+        """The first status for which `condition` holds; fails, with calibd's log, when none comes in time."""
+        end = time.monotonic() + seconds
+        while True:
+            status = self.status()
+            if status and condition(status):
+                return status
+            assert self.calibd.poll() is None and self.vehicle.poll() is None, self.log()
+            assert time.monotonic() < end, f"{status}\n{self.log()}"
+            time.sleep(0.1)
+
+    def wait_for_knock(self, seconds):
+        end = time.monotonic() + seconds
+        while not self.truth()[1]:
+            assert time.monotonic() < end, self.log()
+            time.sleep(0.05)
+        return self.status()
+
+    def verdicts(self):
+        """Every change of verdict that calibd logged."""
+        words = ("not_evaluated (was", "calibrated (was", "suspect (was", "drifted (was")
+        return [word.split()[0] for line in self.log().splitlines() for word in words if f": {word}" in line]
