@@ -135,6 +135,10 @@ Result<Ledger::Written> Ledger::write(std::string_view pair, const PairState& st
       const auto signed_record = sign_record(record, key_);
       if (!signed_record) return tl::unexpected(signed_record.error());
       record_sha256 = sha256_hex(signed_record->canonical);
+      // What is written is what is in force: to the last bit the same as after a restart.
+      auto as_written = parse_record(signed_record->canonical);
+      if (!as_written) return tl::unexpected(as_written.error());
+      record = std::move(*as_written);
       if (auto appended = store_.append_record(record.sequence, pair, *signed_record); !appended) return appended;
     }
     if (written.alert) {

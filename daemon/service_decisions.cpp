@@ -73,21 +73,23 @@ Result<void> Service::take_over(const PairConfig& pair) {
     else if (!saved)
       journal(4, message_ids::store_failed, pair.name + ": " + saved.error().context + "; its evidence is gathered anew");
   }
-  const RigidTransform T = configured_anew ? pair.T_camera_lidar : ledger_.in_force(pair.name)->T_camera_lidar;
-  watches_.push_back(std::make_unique<Watch>(Watch{.config = &pair,
-                                                   .topics = topics_of(pair),
-                                                   .monitor = PairMonitor(monitor_settings(pair), pair.camera.camera,
-                                                                          std::move(*depth), T, state.drift),
-                                                   .state = state}));
-  if (!configured_anew) return {};
-  CalibrationRecord record;
-  record.decision = Decision::initial;
-  record.asked_by = "configuration";
-  record.reason = "taken from the configuration";
-  record.T_camera_lidar = pair.T_camera_lidar;
-  record.T_camera_lidar_before = initial != nullptr ? ledger_.in_force(pair.name)->T_camera_lidar : pair.T_camera_lidar;
-  auto written = ledger_.write(pair.name, state, {.record = std::move(record), .alert = {}}, now());
-  if (!written) return tl::unexpected(written.error());
+  if (configured_anew) {
+    CalibrationRecord record;
+    record.decision = Decision::initial;
+    record.asked_by = "configuration";
+    record.reason = "taken from the configuration";
+    record.T_camera_lidar = pair.T_camera_lidar;
+    record.T_camera_lidar_before =
+        initial != nullptr ? ledger_.in_force(pair.name)->T_camera_lidar : pair.T_camera_lidar;
+    const auto written = ledger_.write(pair.name, state, {.record = std::move(record), .alert = {}}, now());
+    if (!written) return tl::unexpected(written.error());
+  }
+  watches_.push_back(std::make_unique<Watch>(
+      Watch{.config = &pair,
+            .topics = topics_of(pair),
+            .monitor = PairMonitor(monitor_settings(pair), pair.camera.camera, std::move(*depth),
+                                   ledger_.in_force(pair.name)->T_camera_lidar, state.drift),
+            .state = state}));
   return {};
 }
 
@@ -183,7 +185,6 @@ json Service::recalibrate(Watch& watch, const std::string& asked_by, bool dry_ru
 /// Makes the record's extrinsic the one in force; what was learned belonged to the old one.
 json Service::put_in_force(Watch& watch, CalibrationRecord record) {
   const Decision decision = record.decision;
-  const RigidTransform T_camera_lidar = record.T_camera_lidar;
   const std::string reason = record.reason;
   PairState after = watch.state;
   after.drift = {};
@@ -195,7 +196,7 @@ json Service::put_in_force(Watch& watch, CalibrationRecord record) {
   const std::uint64_t sequence = ledger_.next_sequence();
   if (!write(watch, std::move(after), std::move(record)))
     return refusal("failed", "the record could not be written; see the journal");
-  watch.monitor.adopt(T_camera_lidar);
+  watch.monitor.adopt(ledger_.in_force(watch.config->name)->T_camera_lidar);
   watch.retry_at = 0;
   const bool accepted = decision == Decision::accepted;
   journal(5, accepted ? message_ids::recalibration_accepted : message_ids::rolled_back,

@@ -103,3 +103,17 @@ class Drive:
         """Every change of verdict that calibd logged."""
         words = ("not_evaluated (was", "calibrated (was", "suspect (was", "drifted (was")
         return [word.split()[0] for line in self.log().splitlines() for word in words if f": {word}" in line]
+
+    def knocked_and_corrected(self, largest_error_deg, most_pairs_to_drift):
+        """From the knock on: `drifted` in time, then one accepted record near the truth; its error in degrees."""
+        before = self.wait_for_knock(200)
+        assert before["verdict"] == "calibrated" and before["record"]["sequence"] == 1, self.log()
+        drifted = self.wait_for(lambda pair: pair["verdict"] == "drifted", 60)
+        # One pair may have been on its way through the pipeline when the knock was heard of.
+        assert drifted["evaluated"] - before["evaluated"] <= most_pairs_to_drift + 1, self.log()
+        after = self.wait_for(lambda pair: pair["record"]["sequence"] == 2, 120)
+        error_deg, _ = difference(after["T_camera_lidar"], self.truth()[0])
+        assert error_deg <= largest_error_deg, self.log()
+        verified = self.ctl("verify")
+        assert verified.returncode == 0, verified.stdout + verified.stderr
+        return error_deg
