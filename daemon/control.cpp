@@ -69,7 +69,8 @@ Result<ControlSocket> ControlSocket::open(const std::filesystem::path& path) {
   sockaddr_un address{};
   address.sun_family = AF_UNIX;
   if (path.string().size() >= sizeof address.sun_path)
-    return fail("control_socket", "the path " + path.string() + " is too long for a socket; choose a shorter runtime_dir");
+    return fail("control_socket",
+                "the path " + path.string() + " is too long for a socket; choose a shorter runtime_dir");
   std::strcpy(address.sun_path, path.c_str());
   if (somebody_listens(address))
     return fail("control_socket", "another calibd listens on " + path.string() + "; stop it first");
@@ -92,8 +93,11 @@ Result<ControlSocket> ControlSocket::open(const std::filesystem::path& path) {
 }
 
 ControlSocket::ControlSocket(ControlSocket&& other) noexcept
-    : listen_fd_(std::exchange(other.listen_fd_, -1)), path_(std::move(other.path_)), next_id_(other.next_id_),
-      connections_(std::move(other.connections_)), answers_(std::move(other.answers_)) {
+    : listen_fd_(std::exchange(other.listen_fd_, -1)),
+      path_(std::move(other.path_)),
+      next_id_(other.next_id_),
+      connections_(std::move(other.connections_)),
+      answers_(std::move(other.answers_)) {
   other.path_.clear();
 }
 
@@ -126,8 +130,7 @@ void ControlSocket::drop(std::uint64_t id) {
   connections_.erase(found);
 }
 
-bool ControlSocket::read_request(std::uint64_t id, Connection& connection,
-                                 const std::function<void(Question)>& ask) {
+bool ControlSocket::read_request(std::uint64_t id, Connection& connection, const std::function<void(Question)>& ask) {
   char buffer[4096];
   const ssize_t count = read(connection.fd, buffer, sizeof buffer);
   if (count < 0) return errno == EAGAIN || errno == EINTR;
@@ -172,8 +175,7 @@ void ControlSocket::collect_answers() {
   [[maybe_unused]] const ssize_t count = read(answers_->wake_fd, &ignored, sizeof ignored);
   const std::lock_guard lock(answers_->mutex);
   for (auto& [id, line] : answers_->lines)
-    if (const auto found = connections_.find(id); found != connections_.end())
-      found->second.to_send = std::move(line);
+    if (const auto found = connections_.find(id); found != connections_.end()) found->second.to_send = std::move(line);
   answers_->lines.clear();
 }
 

@@ -20,12 +20,13 @@ namespace calib {
 struct Peer {
   uid_t uid = 0;
   pid_t pid = 0;
-  /// root, the daemon's own user, or a member of its group: may ask for changes. Anyone who can open the socket may read.
+  /// root, the daemon's own user, or a member of its group: may ask for changes. Anyone who can open the socket may
+  /// read.
   bool may_change = false;
 };
 
-/// One question to the daemon. `answer` may be called from any thread, once; a question whose asker has left is answered
-/// into the void.
+/// One question to the daemon. `answer` may be called from any thread, once; a question whose asker has left is
+/// answered into the void.
 struct Question {
   nlohmann::json request;
   Peer peer;
@@ -65,8 +66,7 @@ class ControlSocket {
   ControlSocket() = default;
   void accept_connection();
   /// False: the connection is over.
-  [[nodiscard]] bool read_request(std::uint64_t id, Connection& connection,
-                                  const std::function<void(Question)>& ask);
+  [[nodiscard]] bool read_request(std::uint64_t id, Connection& connection, const std::function<void(Question)>& ask);
   [[nodiscard]] static bool send_answer(Connection& connection);
   void collect_answers();
   void drop(std::uint64_t id);

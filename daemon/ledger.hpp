@@ -45,8 +45,8 @@ class Ledger {
   /// The record that was in force before the present one, if any.
   [[nodiscard]] const CalibrationRecord* before_in_force(std::string_view pair) const;
 
-  /// Everything that one event changes. `record` needs only pair, decision, reason, asked_by, the extrinsics and what was
-  /// computed: the rest is filled in.
+  /// Everything that one event changes. `record` needs only pair, decision, reason, asked_by, the extrinsics and what
+  /// was computed: the rest is filled in.
   struct Entry {
     std::optional<CalibrationRecord> record;
     std::optional<DriftAlert> alert;

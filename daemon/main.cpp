@@ -59,8 +59,8 @@ Result<void> make_directories(const calib::Config& config) {
     std::error_code error;
     std::filesystem::create_directories(directory, error);
     if (error || access(directory.c_str(), W_OK) != 0)
-      return calib::fail("bad_directory", directory.string() + " cannot be written: " +
-                                              (error ? error.message() : "permission denied") +
+      return calib::fail("bad_directory", directory.string() +
+                                              " cannot be written: " + (error ? error.message() : "permission denied") +
                                               "; make it, or choose another in the configuration");
   }
   return {};
@@ -131,7 +131,8 @@ int main(int argc, char** argv) {
     return exit_config;
   }
   if (check_only) {
-    std::printf("%s: good, %zu pair%s\n", config_file.c_str(), config->pairs.size(), config->pairs.size() == 1 ? "" : "s");
+    std::printf("%s: good, %zu pair%s\n", config_file.c_str(), config->pairs.size(),
+                config->pairs.size() == 1 ? "" : "s");
     return 0;
   }
   // One core is what a vehicle gives; and one thread more would not change any result.

@@ -4,7 +4,10 @@ namespace calib {
 
 PairMonitor::PairMonitor(const PairMonitorSettings& settings, const Camera& camera,
                          std::unique_ptr<DepthEstimator> depth, const RigidTransform& T_camera_lidar, DriftState drift)
-    : settings_(settings), camera_(camera), depth_(std::move(depth)), T_camera_lidar_(T_camera_lidar),
+    : settings_(settings),
+      camera_(camera),
+      depth_(std::move(depth)),
+      T_camera_lidar_(T_camera_lidar),
       drift_(settings.drift, std::move(drift)) {}
 
 std::size_t PairMonitor::wanted_pairs() const {

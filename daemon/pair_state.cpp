@@ -77,8 +77,8 @@ DriftState drift_from(const json& in) {
   DriftState drift;
   for (const json& evidence : in.at("recent")) drift.recent.push_back(evidence_from(evidence));
   const json& baseline = in.at("baseline");
-  drift.baseline = {baseline.at("pairs").get<int>(),     vector6(baseline.at("slope")),
-                    vector6(baseline.at("slope_squares")), vector6(baseline.at("curvature")),
+  drift.baseline = {baseline.at("pairs").get<int>(),           vector6(baseline.at("slope")),
+                    vector6(baseline.at("slope_squares")),     vector6(baseline.at("curvature")),
                     vector6(baseline.at("curvature_squares")), baseline.at("score").get<double>()};
   if (drift.baseline.pairs < 0) throw std::invalid_argument("baseline pairs");
   drift.cusum_up = vector6(in.at("cusum_up"));

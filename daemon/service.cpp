@@ -27,9 +27,8 @@ std::optional<Error> contradiction(const CameraInfo& info, const Camera& camera)
     return Error{"camera_info_mismatch", "CameraInfo is for " + std::to_string(info.width) + " x " +
                                              std::to_string(info.height) + " pixels; correct camera.size"};
   const bool rectified = camera.model() == CameraModel::rectified;
-  const std::array<double, 4> theirs = rectified
-                                           ? std::array{info.P[0], info.P[5], info.P[2], info.P[6]}
-                                           : std::array{info.K[0], info.K[4], info.K[2], info.K[5]};
+  const std::array<double, 4> theirs = rectified ? std::array{info.P[0], info.P[5], info.P[2], info.P[6]}
+                                                 : std::array{info.K[0], info.K[4], info.K[2], info.K[5]};
   const std::array<double, 4> ours{camera.fx(), camera.fy(), camera.cx(), camera.cy()};
   for (std::size_t i = 0; i < ours.size(); ++i)
     if (std::abs(theirs[i] - ours[i]) > 0.5)
@@ -40,10 +39,14 @@ std::optional<Error> contradiction(const CameraInfo& info, const Camera& camera)
 
 Verdict shown(DriftVerdict verdict) {
   switch (verdict) {
-    case DriftVerdict::learning: return Verdict::not_evaluated;
-    case DriftVerdict::calibrated: return Verdict::calibrated;
-    case DriftVerdict::suspect: return Verdict::suspect;
-    case DriftVerdict::drifted: return Verdict::drifted;
+    case DriftVerdict::learning:
+      return Verdict::not_evaluated;
+    case DriftVerdict::calibrated:
+      return Verdict::calibrated;
+    case DriftVerdict::suspect:
+      return Verdict::suspect;
+    case DriftVerdict::drifted:
+      return Verdict::drifted;
   }
   return Verdict::not_evaluated;
 }
@@ -196,14 +199,13 @@ void Service::conclude(Watch& watch) {
   } else if (watch.windows_without_evidence == 0) {
     after.verdict = shown(after.drift.verdict);
     after.reason = watch.monitor.drift().reason();
-    if (after.verdict == Verdict::drifted)
-      after.reason += "; pairs for recalibration: " + watch.monitor.progress();
+    if (after.verdict == Verdict::drifted) after.reason += "; pairs for recalibration: " + watch.monitor.progress();
   }
   write(watch, std::move(after), std::nullopt);
 
   const bool wanted = watch.state.verdict == Verdict::drifted && !watch.state.proposed_record;
-  if (wanted && watch.state.evaluated >= watch.retry_at && watch.monitor.can_recalibrate())
-    [[maybe_unused]] const auto told = recalibrate(watch, "calibd", /*dry_run=*/false);
+  if (wanted && watch.state.evaluated >= watch.retry_at && watch.monitor.can_recalibrate()) [[maybe_unused]]
+    const auto told = recalibrate(watch, "calibd", /*dry_run=*/false);
 }
 
 }  // namespace calib

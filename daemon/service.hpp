@@ -19,8 +19,9 @@
 
 namespace calib {
 
-/// The recipe: sample each pair, ask whether its extrinsic still is the best of its neighbours, and recalibrate when it is
-/// not. One thread runs it and owns everything of the estimator; other threads ask questions and read the last status.
+/// The recipe: sample each pair, ask whether its extrinsic still is the best of its neighbours, and recalibrate when it
+/// is not. One thread runs it and owns everything of the estimator; other threads ask questions and read the last
+/// status.
 class Service {
  public:
   /// Takes over what the ledger remembers. Writes an `initial` record for each pair whose configured extrinsic is new.
@@ -52,7 +53,8 @@ class Service {
     std::optional<std::chrono::nanoseconds> time_difference{};
   };
 
-  Service(Config config, Ledger ledger, Bus bus) : config_(std::move(config)), ledger_(std::move(ledger)), bus_(std::move(bus)) {}
+  Service(Config config, Ledger ledger, Bus bus)
+      : config_(std::move(config)), ledger_(std::move(ledger)), bus_(std::move(bus)) {}
 
   // service.cpp: sampling
   void sample(Watch& watch);

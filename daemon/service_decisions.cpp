@@ -44,10 +44,14 @@ json in_json(const Recalibration& result) {
 
 std::string_view message_id(const PairState& state) {
   switch (state.verdict) {
-    case Verdict::drifted: return message_ids::drifted;
-    case Verdict::suspect: return message_ids::drift_suspected;
-    case Verdict::calibrated: return message_ids::cleared;
-    case Verdict::not_evaluated: break;
+    case Verdict::drifted:
+      return message_ids::drifted;
+    case Verdict::suspect:
+      return message_ids::drift_suspected;
+    case Verdict::calibrated:
+      return message_ids::cleared;
+    case Verdict::not_evaluated:
+      break;
   }
   return state.reason.starts_with("sensor_silent") ? message_ids::sensor_silent : message_ids::not_evaluated;
 }
@@ -56,8 +60,8 @@ std::string number(std::uint64_t value) { return std::to_string(value); }
 
 }  // namespace
 
-/// Begins or goes on watching a pair: with the extrinsic that the last record put in force, unless the configuration has a
-/// new one since.
+/// Begins or goes on watching a pair: with the extrinsic that the last record put in force, unless the configuration
+/// has a new one since.
 Result<void> Service::take_over(const PairConfig& pair) {
   auto depth = make_stereo_depth(pair.camera.camera, pair.camera.baseline_m);
   if (!depth) return tl::unexpected(depth.error());
@@ -71,7 +75,8 @@ Result<void> Service::take_over(const PairConfig& pair) {
     if (saved && *saved)
       state = std::move(**saved);
     else if (!saved)
-      journal(4, message_ids::store_failed, pair.name + ": " + saved.error().context + "; its evidence is gathered anew");
+      journal(4, message_ids::store_failed,
+              pair.name + ": " + saved.error().context + "; its evidence is gathered anew");
   }
   if (configured_anew) {
     CalibrationRecord record;
@@ -127,10 +132,12 @@ bool Service::write(Watch& watch, PairState after, std::optional<CalibrationReco
   watch.state = std::move(after);
   if (!written->alert) return true;
   if (auto sent = bus_.publish_alert(*written->alert); !sent)
-    journal(4, message_ids::bus_failed, name + ": " + sent.error().context + "; the alert is kept and sent at the next start");
+    journal(4, message_ids::bus_failed,
+            name + ": " + sent.error().context + "; the alert is kept and sent at the next start");
   const Verdict verdict = watch.state.verdict;
   const bool cleared = verdict == Verdict::calibrated || verdict == Verdict::not_evaluated;
-  journal(cleared ? 5 : 4, message_id(watch.state), name + ": " + std::string(to_string(verdict)) + " (was " + std::string(to_string(before)) +
+  journal(cleared ? 5 : 4, message_id(watch.state),
+          name + ": " + std::string(to_string(verdict)) + " (was " + std::string(to_string(before)) +
               "): " + watch.state.reason);
   return true;
 }
@@ -178,7 +185,8 @@ json Service::recalibrate(Watch& watch, const std::string& asked_by, bool dry_ru
   if (proposed) publish_extrinsics();
   // The same pairs would give the same answer: wait for new ones, twice as long each time.
   watch.monitor.forget_pairs();
-  watch.retry_at = watch.state.evaluated + (std::uint64_t{watch.monitor.wanted_pairs()} << std::min(watch.state.refusals, 8));
+  watch.retry_at =
+      watch.state.evaluated + (std::uint64_t{watch.monitor.wanted_pairs()} << std::min(watch.state.refusals, 8));
   return reply;
 }
 
@@ -241,7 +249,8 @@ json Service::roll_back(Watch& watch, const json& to, const std::string& asked_b
 json Service::answer(const Question& question) {
   const auto& request = question.request;
   const std::string what = request["request"].get<std::string>();
-  const std::string name = request.contains("pair") && request["pair"].is_string() ? request["pair"].get<std::string>() : "";
+  const std::string name =
+      request.contains("pair") && request["pair"].is_string() ? request["pair"].get<std::string>() : "";
   const auto found = std::ranges::find_if(watches_, [&](const auto& watch) { return watch->config->name == name; });
   if (what != "recalibrate" && what != "accept" && what != "rollback")
     return refusal("bad_request", "the requests are status, recalibrate, accept and rollback");

@@ -55,7 +55,8 @@ void Service::publish_status() {
   status.feed_queued = ledger_.waiting_alert_count();
   const auto written = write_snapshot(config_.runtime_dir / "status.json", status);
   if (!written && failures_logged_.insert(written.error().code).second)
-    journal(4, message_ids::snapshot_failed, written.error().context + "; status is still answered on the control socket");
+    journal(4, message_ids::snapshot_failed,
+            written.error().context + "; status is still answered on the control socket");
   const std::lock_guard lock(mutex_);
   status_ = std::move(status);
 }
@@ -76,8 +77,8 @@ void Service::publish_diagnostics() {
     journal(4, message_ids::bus_failed, sent.error().context + "; diagnostics are tried again every second");
 }
 
-/// All extrinsics that were computed: proposed ones, and those in force that are not the configuration's. Late readers get
-/// the last message only, so it holds them all.
+/// All extrinsics that were computed: proposed ones, and those in force that are not the configuration's. Late readers
+/// get the last message only, so it holds them all.
 void Service::publish_extrinsics() {
   std::vector<ProposedExtrinsic> extrinsics;
   for (const auto& watch : watches_) {
@@ -90,7 +91,8 @@ void Service::publish_extrinsics() {
   }
   if (extrinsics.empty()) return;
   if (const auto sent = bus_.publish_proposed(extrinsics, now().wall); !sent)
-    journal(4, message_ids::bus_failed, sent.error().context + "; the extrinsic is in `calibctl status` and the records");
+    journal(4, message_ids::bus_failed,
+            sent.error().context + "; the extrinsic is in `calibctl status` and the records");
 }
 
 }  // namespace calib
