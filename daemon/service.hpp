@@ -34,7 +34,7 @@ class Service {
 
   /// From any thread; answered between two steps of the pipeline.
   void ask(Question question);
-  /// From any thread: the status as of the last change.
+  /// From any thread: the status as of the last change, with the ages as of now.
   [[nodiscard]] Status status() const;
 
  private:
@@ -95,6 +95,7 @@ class Service {
   bool stopping_ = false;
   std::deque<Question> questions_;
   Status status_;
+  std::chrono::steady_clock::time_point status_collected_{};
 };
 
 /// Both clocks of a record, now.

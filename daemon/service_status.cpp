@@ -59,12 +59,23 @@ void Service::publish_status() {
             written.error().context + "; status is still answered on the control socket");
   const std::lock_guard lock(mutex_);
   status_ = std::move(status);
+  status_collected_ = std::chrono::steady_clock::now();
 }
 
 Status Service::status() const {
   const std::lock_guard lock(mutex_);
   Status status = status_;
-  status.uptime_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - started_).count();
+  const auto time = std::chrono::steady_clock::now();
+  status.uptime_s = std::chrono::duration<double>(time - started_).count();
+  const double since_s = std::chrono::duration<double>(time - status_collected_).count();
+  const auto grow_older = [since_s](PairStatus::Input& input) {
+    if (input.age_s) *input.age_s += since_s;
+  };
+  for (PairStatus& pair : status.pairs) {
+    grow_older(pair.image);
+    grow_older(pair.cloud);
+    if (pair.right_image) grow_older(*pair.right_image);
+  }
   return status;
 }
 
