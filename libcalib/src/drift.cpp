@@ -214,7 +214,7 @@ std::optional<DriftMonitor::Estimate> DriftMonitor::misalignment() const {
 
 std::optional<Timestamp> DriftMonitor::first_sign() const {
   if (verdict() != DriftVerdict::suspect && verdict() != DriftVerdict::drifted) return std::nullopt;
-  if (!learned()) return state_.recent.empty() ? std::nullopt : std::optional(state_.recent.front().stamp);
+  if (!learned()) return Timestamp::min();
   std::optional<Timestamp> first;
   const auto consider = [&](double evidence, Timestamp since) {
     if (evidence >= settings_.cusum_h / 4 && (!first || since < *first)) first = since;

@@ -141,7 +141,9 @@ TEST_CASE("an extrinsic that is wrong from the start is found while learning, a 
     biased.offset[seed % 6] = seed % 2 == 0 ? 0.4 : -0.4;  // 0.3 degrees or 6 cm
     DriftMonitor of_wrong({}), of_biased({});
     CHECK(pairs_until_drifted(wrong, of_wrong, 50) < DriftSettings{}.baseline_pairs);
-    CHECK(of_wrong.first_sign() == 10s);
+    // However long it stays so: no pair was taken before it was wrong.
+    CHECK(wrong.drive(of_wrong, 60) == DriftVerdict::drifted);
+    CHECK(of_wrong.first_sign() == Timestamp::min());
     CHECK_FALSE(of_wrong.misalignment());
     CHECK(biased.drive(of_biased, 60) == DriftVerdict::calibrated);
   }

@@ -110,7 +110,7 @@ class DriftMonitor {
     Vector6 delta, sigma;
   };
   [[nodiscard]] std::optional<Estimate> misalignment() const;
-  /// Stamp of the pair at which the evidence that led to `suspect` or `drifted` begins.
+  /// Stamp of the pair where the evidence of drift begins; `Timestamp::min()` for an extrinsic wrong from the start.
   [[nodiscard]] std::optional<Timestamp> first_sign() const;
   [[nodiscard]] const DriftState& state() const { return state_; }
   [[nodiscard]] const DriftSettings& settings() const { return settings_; }
