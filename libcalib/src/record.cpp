@@ -90,8 +90,8 @@ Vector6 sigma_from(const json& object) {
   require(object.size() == 2, "sigma has a field that it should not have");
   require_float_lists(object);
   Vector6 sigma;
-  sigma << json_fields::vector_from<3>(object.at("rotation_rad")),
-      json_fields::vector_from<3>(object.at("translation_m"));
+  sigma.head<3>() = json_fields::vector_from<3>(object.at("rotation_rad"));
+  sigma.tail<3>() = json_fields::vector_from<3>(object.at("translation_m"));
   return sigma;
 }
 

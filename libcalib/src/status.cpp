@@ -99,8 +99,8 @@ Verdict verdict_from(const json& value) {
 PairStatus::Misalignment misalignment_from(const json& object) {
   const auto six = [&](const char* rotation_deg, const char* translation_cm) {
     Vector6 values;
-    values << json_fields::vector_from<3>(object.at(rotation_deg)) * radians_per_degree,
-        json_fields::vector_from<3>(object.at(translation_cm)) / cm_per_m;
+    values.head<3>() = json_fields::vector_from<3>(object.at(rotation_deg)) * radians_per_degree;
+    values.tail<3>() = json_fields::vector_from<3>(object.at(translation_cm)) / cm_per_m;
     return values;
   };
   return {six("rotation_deg", "translation_cm"), six("sigma_rotation_deg", "sigma_translation_cm")};
