@@ -2,8 +2,6 @@
 
 #include <time.h>
 
-#include "journal.hpp"
-#include "message_ids.hpp"
 
 namespace calib {
 namespace {

@@ -21,7 +21,7 @@ double mean_absolute_difference(const SceneThumbnail& a, const SceneThumbnail& b
   return sum / static_cast<double>(a.grey.size());
 }
 
-/// The lesser of two shares or means is what a scene falls short by: one function says all of them alike.
+/// All refusals by a number read alike.
 Result<void> refuse(const char* code, const char* what, double value, double limit) {
   return fail(code, std::string(what) + " is " + two_decimals(value) + ", the limit is " + two_decimals(limit));
 }
