@@ -27,6 +27,12 @@ def dds_domain():
 
 
 @pytest.fixture(scope="session")
+def slowdown():
+    """What a time limit is multiplied by: sanitizers make programs some times slower."""
+    return int(os.environ.get("CALIBD_TEST_SLOWDOWN", "1"))
+
+
+@pytest.fixture(scope="session")
 def kitti_drive():
     """The recorded drive, a KITTI raw <date>/<drive> folder; the test is skipped, visibly, without it."""
     drive = os.environ.get("CALIB_KITTI_DRIVE")

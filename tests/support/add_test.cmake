@@ -13,10 +13,12 @@ function(_calibd_test_properties name labels timeout)
   set_property(GLOBAL PROPERTY calibd_next_domain ${next})
   math(EXPR domain "${domain} % 100 + 1")
 
+  set(slowdown 1)
   if(CALIBD_SANITIZE)
-    math(EXPR timeout "${timeout} * 3")
+    set(slowdown 3)
   endif()
-  set(environment CALIBD_TEST_DOMAIN=${domain} CALIBD_BIN_DIR=${CMAKE_BINARY_DIR}/bin
+  math(EXPR timeout "${timeout} * ${slowdown}")
+  set(environment CALIBD_TEST_DOMAIN=${domain} CALIBD_TEST_SLOWDOWN=${slowdown} CALIBD_BIN_DIR=${CMAKE_BINARY_DIR}/bin
       CALIBD_SOURCE_DIR=${PROJECT_SOURCE_DIR} UBSAN_OPTIONS=print_stacktrace=1 ${ARGN})
   # CALIB_KITTI_DRIVE comes from the environment ctest runs in.
   set_tests_properties(${name} PROPERTIES LABELS "${labels}" TIMEOUT ${timeout} SKIP_RETURN_CODE 77
