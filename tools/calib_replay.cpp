@@ -18,11 +18,12 @@ int main(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : 2;
   }
-  auto drive = KittiRawDrive::open(folder);
-  if (!drive) {
-    std::cerr << drive.error().code << ": " << escape_control(drive.error().context) << '\n';
-    return drive.error().code == "drive_not_found" ? 3 : 1;
+  const auto drive = open_kitti_raw(folder);
+  const auto recorded = drive.and_then(vehicle::recorded_vehicle);
+  if (!recorded) {
+    std::cerr << recorded.error().code << ": " << escape_control(recorded.error().context) << '\n';
+    return recorded.error().code == "recording_not_found" ? 3 : 1;
   }
   if (!loop) options.frames = std::min(options.frames.value_or(drive->size()), drive->size());
-  return vehicle::play(vehicle::recorded_vehicle(*std::move(drive)), options);
+  return vehicle::play(*recorded, options);
 }

@@ -1,7 +1,7 @@
-#include "dataset/kitti_raw.hpp"
-
 #include <fstream>
 
+#include "dataset/kitti_raw_writer.hpp"
+#include "dataset/recording.hpp"
 #include "support/catch.hpp"
 #include "support/support.hpp"
 
@@ -43,14 +43,14 @@ void write_file(const fs::path& path, const std::string& bytes) {
 
 TEST_CASE("a written drive reads back as it was") {
   const WrittenDrive written;
-  const auto drive = KittiRawDrive::open(written.drive);
+  const auto drive = open_kitti_raw(written.drive);
   REQUIRE(drive);
   REQUIRE(drive->size() == 2);
   CHECK(drive->camera().width() == 32);
   CHECK(drive->camera().height() == 16);
   CHECK(drive->camera().fx() == 20);
   CHECK(drive->camera().cy() == 7.25);
-  CHECK(drive->baseline_m() == Approx(0.54).epsilon(1e-12));
+  CHECK(*drive->baseline_m() == Approx(0.54).epsilon(1e-12));
   CHECK(drive->T_camera_lidar().isApprox(written.T_camera_lidar, 1e-9));
   for (int i = 0; i < 2; ++i) {
     const auto frame = drive->frame(i);
@@ -64,7 +64,7 @@ TEST_CASE("a written drive reads back as it was") {
     CHECK(frame->time_difference().count() == 0);
   }
   CHECK(drive->frame(2).error().code == "frame_out_of_range");
-  CHECK(KittiRawDrive::open(written.drive.string() + "/"));
+  CHECK(open_kitti_raw(written.drive.string() + "/"));
 }
 
 TEST_CASE("the fourth column of P_rect_02 and R_rect_00 are part of the extrinsic") {
@@ -75,21 +75,40 @@ TEST_CASE("the fourth column of P_rect_02 and R_rect_00 are part of the extrinsi
              "P_rect_02: 20 0 15.5 1.231 0 21 7.25 0.0775 0 0 1 0.002\n"
              "P_rect_03: 20 0 15.5 -9.569 0 21 7.25 0.0775 0 0 1 0.002\n");
   write_file(written.drive.parent_path() / "calib_velo_to_cam.txt", "R: 1 0 0 0 1 0 0 0 1\nT: 1 2 3\n");
-  const auto drive = KittiRawDrive::open(written.drive);
+  const auto drive = open_kitti_raw(written.drive);
   REQUIRE(drive);
-  CHECK(drive->baseline_m() == Approx(0.54));
+  CHECK(*drive->baseline_m() == Approx(0.54));
   const Eigen::Vector3d origin = drive->T_camera_lidar() * Eigen::Vector3d::Zero();
   CHECK(origin.isApprox(Eigen::Vector3d(-2 + 0.06, 1 + 0.003, 3 + 0.002), 1e-9));
+}
+
+TEST_CASE("a drive without a right camera opens without stereo, and so does the right camera alone") {
+  const WrittenDrive written;
+  CHECK(open_kitti_raw(written.drive)->has_stereo());
+  const auto right = open_kitti_raw(written.drive, "image_03");
+  REQUIRE(right);
+  CHECK_FALSE(right->has_stereo());
+  // The right camera is a baseline to the right of the left one.
+  CHECK((right->T_camera_lidar().translation() - written.T_camera_lidar.translation())
+            .isApprox(Eigen::Vector3d(-0.54, 0, 0), 1e-9));
+  CHECK(right->frame(0)->image.pixels[5] == 200);
+
+  fs::remove_all(written.drive / "image_03");
+  const auto left = open_kitti_raw(written.drive);
+  REQUIRE(left);
+  CHECK_FALSE(left->has_stereo());
+  CHECK(*left->baseline_m() == Approx(0.54));  // as the calibration still says: disparities become metres by it
+  CHECK_FALSE(left->frame(1)->right_image);
 }
 
 TEST_CASE("a drive that is not whole says what is wrong") {
   const WrittenDrive written;
   const fs::path date = written.drive.parent_path();
-  CHECK(KittiRawDrive::open(written.root.path() / "nowhere").error().code == "drive_not_found");
+  CHECK(open_kitti_raw(written.root.path() / "nowhere").error().code == "recording_not_found");
 
   SECTION("a calibration file is missing") {
     fs::remove(date / "calib_velo_to_cam.txt");
-    const auto drive = KittiRawDrive::open(written.drive);
+    const auto drive = open_kitti_raw(written.drive);
     REQUIRE_FALSE(drive);
     CHECK(drive.error().code == "calibration_missing");
     CHECK(drive.error().context.find("calib_velo_to_cam.txt") != std::string::npos);
@@ -98,20 +117,38 @@ TEST_CASE("a drive that is not whole says what is wrong") {
     for (const char* text : {"R: 1 0 0 0 1 0 0 0\nT: 0 0 0\n", "R: 1 0 0 0 1 0 0 0 nan\nT: 0 0 0\n",
                              "R: 1 0 0 0 1 0 0 0 2\nT: 0 0 0\n", "R: 1 0 0 0 1 0 0 0 -1\nT: 0 0 0\n", ""}) {
       write_file(date / "calib_velo_to_cam.txt", text);
-      const auto drive = KittiRawDrive::open(written.drive);
+      const auto drive = open_kitti_raw(written.drive);
       REQUIRE_FALSE(drive);
       CHECK(drive.error().code == "calibration_malformed");
     }
   }
-  SECTION("a scan is missing") {
-    fs::remove(written.drive / "velodyne_points/data/0000000001.bin");
-    CHECK(KittiRawDrive::open(written.drive).error().code == "frame_mismatch");
+  SECTION("a scan is missing: the frames that have one are read") {
+    fs::remove(written.drive / "velodyne_points/data/0000000000.bin");
+    const auto drive = open_kitti_raw(written.drive);
+    REQUIRE(drive);
+    REQUIRE(drive->size() == 1);
+    CHECK(drive->frame_name(0) == "0000000001");
+    CHECK(drive->frame(0)->scan.points[1].x_m == 11);
+  }
+  SECTION("images and scans that do not pair: counts and first names are told") {
+    fs::rename(written.drive / "velodyne_points/data/0000000000.bin", written.drive / "velodyne_points/data/7.bin");
+    fs::rename(written.drive / "velodyne_points/data/0000000001.bin", written.drive / "velodyne_points/data/8.bin");
+    const auto drive = open_kitti_raw(written.drive);
+    REQUIRE_FALSE(drive);
+    CHECK(drive.error().code == "frame_mismatch");
+    for (const char* part : {"only 0 frames", "2 in ", "(first: 0000000000)", "(first: 7)"})
+      CHECK(drive.error().context.find(part) != std::string::npos);
+  }
+  SECTION("there is no folder of scans, or no such camera") {
+    CHECK(open_kitti_raw(written.drive, "image_04").error().code == "recording_not_found");
+    fs::remove_all(written.drive / "velodyne_points");
+    CHECK(open_kitti_raw(written.drive).error().code == "recording_not_found");
   }
   SECTION("a scan is empty or cut off, an image is no image or of another size") {
-    const auto drive = KittiRawDrive::open(written.drive);
+    const auto drive = open_kitti_raw(written.drive);
     REQUIRE(drive);
     write_file(written.drive / "velodyne_points/data/0000000000.bin", "");
-    CHECK(drive->frame(0).error().code == "cloud_unreadable");
+    CHECK(drive->frame(0).error().code == "cloud_empty");
     write_file(written.drive / "velodyne_points/data/0000000000.bin", "12345678901234567");
     CHECK(drive->frame(0).error().code == "cloud_unreadable");
     write_file(written.drive / "image_03/data/0000000001.png", "not a picture");
@@ -122,10 +159,10 @@ TEST_CASE("a drive that is not whole says what is wrong") {
 TEST_CASE("a recorded drive's extrinsic puts most of the points ahead into the image") {
   const auto folder = test::kitti_drive();
   if (!folder) return test::skip("set CALIB_KITTI_DRIVE to a <date>/<drive> folder of KITTI raw");
-  const auto drive = KittiRawDrive::open(*folder);
+  const auto drive = open_kitti_raw(*folder);
   REQUIRE(drive);
   REQUIRE(drive->size() > 0);
-  CHECK(drive->baseline_m() == Approx(0.54).margin(0.02));
+  CHECK(*drive->baseline_m() == Approx(0.54).margin(0.02));
   for (const std::size_t index : {std::size_t{0}, drive->size() - 1}) {
     const auto frame = drive->frame(index);
     REQUIRE(frame);

@@ -1,8 +1,10 @@
+#include "dataset/kitti_raw_writer.hpp"
+
 #include <fstream>
 #include <iomanip>
-#include <opencv2/imgcodecs.hpp>
 
-#include "dataset/kitti_raw.hpp"
+#include "dataset/cloud_file.hpp"
+#include "dataset/image_file.hpp"
 
 namespace calib {
 namespace {
@@ -19,16 +21,6 @@ void write_matrix(std::ostream& out, const char* key, const Eigen::MatrixXd& mat
   for (int row = 0; row < matrix.rows(); ++row)
     for (int column = 0; column < matrix.cols(); ++column) out << ' ' << matrix(row, column);
   out << '\n';
-}
-
-Result<void> write_image(const fs::path& path, const Image& image) {
-  const cv::Mat pixels(image.height, image.width, CV_8UC1, const_cast<std::uint8_t*>(image.pixels.data()));
-  try {
-    if (!cv::imwrite(path.string(), pixels)) return write_failed(path);
-  } catch (const cv::Exception&) {
-    return write_failed(path);
-  }
-  return {};
 }
 
 }  // namespace
@@ -70,11 +62,8 @@ Result<void> KittiRawWriter::append(const FramePair& pair) {
   if (!left) return left;
   const auto right = write_image(drive_ / "image_03/data" / (name + ".png"), pair.right_image.value());
   if (!right) return right;
-  const fs::path scan_path = drive_ / "velodyne_points/data" / (name + ".bin");
-  std::ofstream scan(scan_path, std::ios::binary);
-  scan.write(reinterpret_cast<const char*>(pair.scan.points.data()),
-             static_cast<std::streamsize>(pair.scan.points.size() * sizeof(LidarPoint)));
-  if (!scan.flush()) return write_failed(scan_path);
+  const auto scan = write_cloud(drive_ / "velodyne_points/data" / (name + ".bin"), pair.scan);
+  if (!scan) return scan;
   ++count_;
   return {};
 }

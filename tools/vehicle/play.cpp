@@ -8,6 +8,7 @@
 #include <iostream>
 #include <nlohmann/json.hpp>
 
+#include "dataset/kitti_raw_writer.hpp"
 #include "vehicle/overlay.hpp"
 
 namespace calib::vehicle {

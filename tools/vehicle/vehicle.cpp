@@ -27,13 +27,15 @@ Result<Vehicle> simulated_vehicle(const Simulation& simulation) {
   return Vehicle{rig->camera, rig->baseline_m, rig->T_camera_lidar, frame};
 }
 
-Vehicle recorded_vehicle(KittiRawDrive drive) {
-  const auto frame = [drive](std::size_t index, double, const RigidTransform& motion) {
-    auto pair = drive.frame(index % drive.size());
+Result<Vehicle> recorded_vehicle(const Recording& recording) {
+  if (!recording.has_stereo())
+    return fail("no_right_images", "the recording has no right images, and a vehicle publishes both");
+  const auto frame = [recording](std::size_t index, double, const RigidTransform& motion) {
+    auto pair = recording.frame(index % recording.size());
     if (pair) move_lidar(pair->scan, motion);
     return pair;
   };
-  return {drive.camera(), drive.baseline_m(), drive.T_camera_lidar(), frame};
+  return Vehicle{recording.camera(), *recording.baseline_m(), recording.T_camera_lidar(), frame};
 }
 
 }  // namespace calib::vehicle

@@ -5,7 +5,7 @@
 #include "calib/camera.hpp"
 #include "calib/frame.hpp"
 #include "calib/geometry.hpp"
-#include "dataset/kitti_raw.hpp"
+#include "dataset/recording.hpp"
 #include "vehicle/lidar.hpp"
 
 namespace calib::vehicle {
@@ -31,7 +31,8 @@ struct Simulation {
 /// alone.
 [[nodiscard]] Result<Vehicle> simulated_vehicle(const Simulation& simulation);
 
-/// Drives as recorded, from the beginning again after the last frame.
-[[nodiscard]] Vehicle recorded_vehicle(KittiRawDrive drive);
+/// Drives as recorded, from the beginning again after the last frame. Fails with `no_right_images` when the recording
+/// has no stereo camera.
+[[nodiscard]] Result<Vehicle> recorded_vehicle(const Recording& recording);
 
 }  // namespace calib::vehicle

@@ -1,0 +1,63 @@
+#include "dataset/frames_by_name.hpp"
+
+#include <algorithm>
+#include <initializer_list>
+#include <map>
+#include <string>
+
+namespace calib {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Files of one folder by their names without extension.
+using Files = std::map<std::string, fs::path>;
+
+Result<Files> files_in(const fs::path& folder, const char* what, std::initializer_list<const char*> extensions) {
+  std::error_code error;
+  Files files;
+  for (const auto& entry : fs::directory_iterator(folder, error))
+    if (std::ranges::find(extensions, entry.path().extension()) != extensions.end())
+      files.emplace(entry.path().stem().string(), entry.path());
+  if (error || files.empty()) return fail("recording_not_found", folder.string() + " holds no " + what);
+  return files;
+}
+
+Result<Files> images_in(const fs::path& folder) {
+  return files_in(folder, "images (.png, .jpg, .tif, .bmp, .pgm)",
+                  {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm"});
+}
+
+std::string description(const Files& files, const fs::path& folder) {
+  return std::to_string(files.size()) + " in " + folder.string() + " (first: " + files.begin()->first + ")";
+}
+
+}  // namespace
+
+Result<std::vector<RecordedFrame>> frames_by_name(const fs::path& images_folder,
+                                                  const std::optional<fs::path>& right_folder,
+                                                  const fs::path& clouds_folder) {
+  const auto images = images_in(images_folder);
+  if (!images) return tl::unexpected(images.error());
+  const auto right_images = right_folder ? images_in(*right_folder) : Files{};
+  if (!right_images) return tl::unexpected(right_images.error());
+  const auto clouds = files_in(clouds_folder, "clouds (.bin, .pcd)", {".bin", ".pcd"});
+  if (!clouds) return tl::unexpected(clouds.error());
+
+  std::vector<RecordedFrame> frames;
+  for (const auto& [name, image] : *images) {
+    const auto cloud = clouds->find(name), right = right_images->find(name);
+    if (cloud == clouds->end() || (right_folder && right == right_images->end())) continue;
+    frames.push_back({name, image, right_folder ? std::optional(right->second) : std::nullopt, cloud->second});
+  }
+  const std::size_t fewest =
+      std::min({images->size(), clouds->size(), right_folder ? right_images->size() : images->size()});
+  if (2 * frames.size() < fewest)
+    return fail("frame_mismatch", "only " + std::to_string(frames.size()) + " frames have the same name in all of " +
+                                      description(*images, images_folder) +
+                                      (right_folder ? ", " + description(*right_images, *right_folder) : "") + " and " +
+                                      description(*clouds, clouds_folder));
+  return frames;
+}
+
+}  // namespace calib

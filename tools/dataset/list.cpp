@@ -1,0 +1,142 @@
+#include <yaml-cpp/yaml.h>
+
+#include <Eigen/LU>
+#include <initializer_list>
+#include <set>
+
+#include "dataset/frames_by_name.hpp"
+#include "dataset/recording.hpp"
+
+namespace calib {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// What is wrong, with the line where it is; becomes an `Error` at the door of this file.
+struct Malformed {
+  YAML::Mark mark;
+  std::string why;
+};
+
+void check_keys(const YAML::Node& map, const std::string& what, std::initializer_list<const char*> known) {
+  if (!map.IsMap()) throw Malformed{map.Mark(), what + " is not a map of keys"};
+  std::string names;
+  for (const char* name : known) names += (names.empty() ? "" : ", ") + std::string(name);
+  std::set<std::string> seen;
+  for (const auto& entry : map) {
+    const auto key = entry.first.as<std::string>();
+    if (std::ranges::find(known, key) == known.end())
+      throw Malformed{entry.first.Mark(), what + " has no key '" + escape_control(key) + "'; there are " + names};
+    if (!seen.insert(key).second) throw Malformed{entry.first.Mark(), what + " has the key '" + key + "' twice"};
+  }
+}
+
+template <typename T>
+T value(const YAML::Node& parent, const char* key, const char* what) {
+  const YAML::Node node = parent[key];
+  if (!node) throw Malformed{parent.Mark(), std::string(key) + " is missing"};
+  try {
+    return node.as<T>();
+  } catch (const YAML::Exception&) {
+    throw Malformed{node.Mark(), std::string(key) + " is not " + what};
+  }
+}
+
+Result<Camera> read_camera(const YAML::Node& node) {
+  check_keys(node, "camera", {"model", "size", "intrinsics", "distortion"});
+  const auto model = parse_camera_model(value<std::string>(node, "model", "the name of a camera model"));
+  if (!model) return tl::unexpected(model.error());
+  const auto size = value<std::vector<int>>(node, "size", "[width, height]");
+  if (size.size() != 2) throw Malformed{node["size"].Mark(), "size is not [width, height]"};
+  std::vector<double> distortion;
+  if (node["distortion"]) distortion = value<std::vector<double>>(node, "distortion", "a list of numbers");
+  return Camera::make(*model, size[0], size[1],
+                      value<std::vector<double>>(node, "intrinsics", "[fx, fy, cx, cy]"), distortion);
+}
+
+Result<RigidTransform> read_transform(const YAML::Node& node) {
+  check_keys(node, "T_camera_lidar", {"translation_m", "quaternion_xyzw", "matrix"});
+  if (!node["matrix"])
+    return make_transform(value<std::array<double, 3>>(node, "translation_m", "three numbers"),
+                          value<std::array<double, 4>>(node, "quaternion_xyzw", "four numbers"));
+  const auto rows = value<std::vector<std::array<double, 4>>>(node, "matrix", "rows of four numbers");
+  if (node.size() != 1 || rows.size() < 3 || rows.size() > 4)
+    throw Malformed{node.Mark(), "T_camera_lidar is a matrix of 3 or 4 rows, or translation_m and quaternion_xyzw"};
+  Eigen::Matrix3d R;
+  for (int i = 0; i < 9; ++i) R(i / 3, i % 3) = rows[i / 3][i % 3];
+  if (!((R * R.transpose() - Eigen::Matrix3d::Identity()).norm() < 1e-3 && R.determinant() > 0))
+    return fail("bad_transform", "the left three columns of matrix are not a rotation");
+  const Eigen::Quaterniond q(R);
+  return make_transform({rows[0][3], rows[1][3], rows[2][3]},
+                        {q.normalized().x(), q.normalized().y(), q.normalized().z(), q.normalized().w()});
+}
+
+/// The frames that are listed one by one.
+std::vector<RecordedFrame> read_frames(const YAML::Node& node, const fs::path& folder) {
+  if (!node.IsSequence() || node.size() == 0) throw Malformed{node.Mark(), "frames is not a list of frames"};
+  std::vector<RecordedFrame> frames;
+  std::set<std::string> names;
+  for (const auto& entry : node) {
+    check_keys(entry, "a frame", {"image", "right_image", "cloud"});
+    const auto path = [&](const char* key) { return folder / value<std::string>(entry, key, "a path"); };
+    const fs::path image = path("image");
+    const std::string name = image.stem().string();
+    // Files of depth are found by this name.
+    if (!names.insert(name).second)
+      throw Malformed{entry.Mark(), "two frames have images named " + escape_control(name)};
+    frames.push_back({name, image, std::nullopt, path("cloud")});
+    if (entry["right_image"]) frames.back().right_image = path("right_image");
+    if (frames.back().right_image.has_value() != frames.front().right_image.has_value())
+      throw Malformed{entry.Mark(), "some frames have a right_image and some have none"};
+  }
+  return frames;
+}
+
+Result<Recording> read_list(const YAML::Node& root, const fs::path& folder) {
+  check_keys(root, "a recording",
+             {"camera", "baseline_m", "T_camera_lidar", "frames", "images", "right_images", "clouds"});
+  for (const char* key : {"camera", "T_camera_lidar"})
+    if (!root[key]) throw Malformed{root.Mark(), std::string(key) + " is missing"};
+  auto camera = read_camera(root["camera"]);
+  if (!camera) return tl::unexpected(camera.error());
+  const auto T_camera_lidar = read_transform(root["T_camera_lidar"]);
+  if (!T_camera_lidar) return tl::unexpected(T_camera_lidar.error());
+  std::optional<double> baseline_m;
+  if (root["baseline_m"]) {
+    baseline_m = value<double>(root, "baseline_m", "a number");
+    if (!(*baseline_m > 0 && *baseline_m < 100))
+      throw Malformed{root["baseline_m"].Mark(), "baseline_m is not within 0 .. 100 m"};
+  }
+  if (root["frames"]) {
+    if (root["images"] || root["right_images"] || root["clouds"])
+      throw Malformed{root.Mark(), "there are both frames and folders of images and clouds"};
+    return Recording(*std::move(camera), *T_camera_lidar, baseline_m, read_frames(root["frames"], folder));
+  }
+  const auto path = [&](const char* key) { return folder / value<std::string>(root, key, "a folder"); };
+  auto frames = frames_by_name(path("images"), root["right_images"] ? std::optional(path("right_images")) : std::nullopt,
+                               path("clouds"));
+  if (!frames) return tl::unexpected(frames.error());
+  return Recording(*std::move(camera), *T_camera_lidar, baseline_m, *std::move(frames));
+}
+
+}  // namespace
+
+Result<Recording> open_list(const fs::path& yaml) {
+  const auto malformed = [&yaml](const YAML::Mark& mark, const std::string& why) {
+    return fail("calibration_malformed", yaml.string() + ":" + std::to_string(mark.line + 1) + ": " + why);
+  };
+  try {
+    auto recording = read_list(YAML::LoadFile(yaml.string()), yaml.parent_path());
+    if (!recording && (recording.error().code == "bad_camera" || recording.error().code == "bad_transform"))
+      recording.error().context = yaml.string() + ": " + recording.error().context;
+    return recording;
+  } catch (const Malformed& what) {
+    return malformed(what.mark, what.why);
+  } catch (const YAML::BadFile&) {
+    return fail("recording_not_found", yaml.string() + " cannot be read");
+  } catch (const YAML::Exception& what) {
+    return malformed(what.mark, escape_control(what.msg));
+  }
+}
+
+}  // namespace calib

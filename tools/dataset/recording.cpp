@@ -1,0 +1,39 @@
+#include "dataset/recording.hpp"
+
+#include "dataset/cloud_file.hpp"
+#include "dataset/image_file.hpp"
+
+namespace calib {
+namespace {
+
+Result<Image> read_camera_image(const std::filesystem::path& path, const Camera& camera) {
+  auto image = read_image(path);
+  if (image && (image->width != camera.width() || image->height != camera.height()))
+    return fail("image_unreadable", path.string() + " is " + std::to_string(image->width) + " x " +
+                                        std::to_string(image->height) + " pixels, its calibration says " +
+                                        std::to_string(camera.width()) + " x " + std::to_string(camera.height()));
+  return image;
+}
+
+}  // namespace
+
+Result<FramePair> Recording::frame(std::size_t index) const {
+  if (index >= size())
+    return fail("frame_out_of_range", "frame " + std::to_string(index) + " of " + std::to_string(size()));
+  const RecordedFrame& files = frames_[index];
+  auto image = read_camera_image(files.image, camera_);
+  if (!image) return tl::unexpected(image.error());
+  auto scan = read_cloud(files.cloud);
+  if (!scan) return tl::unexpected(scan.error());
+  image->stamp = scan->stamp = index * std::chrono::milliseconds(100);
+  FramePair pair{*std::move(image), std::nullopt, *std::move(scan)};
+  if (files.right_image) {
+    auto right = read_camera_image(*files.right_image, camera_);
+    if (!right) return tl::unexpected(right.error());
+    right->stamp = pair.image.stamp;
+    pair.right_image = *std::move(right);
+  }
+  return pair;
+}
+
+}  // namespace calib
