@@ -113,13 +113,64 @@ bool all_finite(std::span<const double> values) {
   return std::ranges::all_of(values, [](double value) { return std::isfinite(value); });
 }
 
-/// Whether `count` coefficients are what a distortion model has.
-bool distortion_fits(std::string_view model, std::size_t count) {
-  if (model.empty()) return count == 0;
-  if (model == "plumb_bob") return count == 0 || count == 4 || count == 5;
-  if (model == "rational_polynomial") return count == 8 || count == 12 || count == 14;
-  if (model == "equidistant") return count == 4;
-  return false;
+struct Lens {
+  CameraModel model;
+  std::vector<double> distortion;
+};
+
+/// The coefficients of a distortion model as `Camera` takes them. Those that only OpenCV's larger models have (thin
+/// prism and tilt) must be zero.
+Result<Lens> lens(std::string_view model, std::span<const double> d) {
+  const std::size_t count = d.size();
+  const auto make = [&](CameraModel ours, std::size_t complete) {
+    Lens lens{ours, {d.begin(), d.end()}};
+    lens.distortion.resize(complete, 0.0);
+    return lens;
+  };
+  const auto zero_from = [&](std::size_t first) {
+    return std::ranges::all_of(d.subspan(std::min(first, count)), [](double value) { return value == 0; });
+  };
+  const std::string shown = "distortion model '" + escape_control(model.substr(0, 32)) + "' ";
+  const std::string counted = shown + "with " + std::to_string(count) + " coefficients in D: ";
+  if (!all_finite(d)) return fail("malformed:distortion", counted + "one is not finite");
+  if (model.empty() || model == "none") {
+    if (zero_from(0)) return make(CameraModel::rectified, 0);
+    return fail("malformed:distortion", counted + "without a model none may be there");
+  }
+  if (model == "plumb_bob") {
+    if (count == 0 || count == 4 || count == 5) return make(CameraModel::plumb_bob, 5);
+    return fail("malformed:distortion", counted + "4 or 5 are needed");
+  }
+  if (model == "rational_polynomial") {
+    if ((count == 8 || count == 12 || count == 14) && zero_from(8)) return make(CameraModel::rational_polynomial, 8);
+    return fail("malformed:distortion", counted + "8 are needed, and thin prism and tilt must be zero");
+  }
+  if (model == "equidistant" || model == "fisheye") {
+    if (count == 4) return make(CameraModel::equidistant, 4);
+    return fail("malformed:distortion", counted + "4 are needed");
+  }
+  return fail("malformed:distortion", shown + "is none of plumb_bob, rational_polynomial, equidistant, fisheye, none");
+}
+
+/// The part of one side of the sensor that an image shows.
+struct Extent {
+  std::uint64_t offset, pixels, binning;
+
+  [[nodiscard]] int image_pixels() const { return static_cast<int>(pixels / binning); }
+  void adjust(double& focal, double& centre) const {
+    focal /= static_cast<double>(binning);
+    centre = (centre - static_cast<double>(offset) + 0.5) / static_cast<double>(binning) - 0.5;
+  }
+};
+
+/// A roi of 0 pixels is all that there is from its offset on; a binning of 0 is 1.
+Result<Extent> extent(std::uint32_t full, std::uint32_t offset, std::uint32_t roi, std::uint32_t binning) {
+  if (offset >= full || roi > full - offset)
+    return fail("malformed:roi", "the roi reaches past the " + std::to_string(full) + " pixels of the full image");
+  const Extent extent{offset, roi == 0 ? full - offset : roi, std::max(binning, 1U)};
+  if (extent.binning > extent.pixels)
+    return fail("malformed:roi", "a binning of " + std::to_string(binning) + " leaves no pixel of the roi");
+  return extent;
 }
 
 }  // namespace
@@ -174,25 +225,32 @@ Result<CameraInfo> decode_camera_info(const sensor_msgs_msg_dds__CameraInfo_& me
   const std::uint64_t pixels = std::uint64_t{message.width} * message.height;
   if (pixels < 1 || pixels > max_image_pixels)
     return fail("malformed:image_size", std::to_string(pixels) + " pixels are outside 1 .. 64 Mpx");
-  const auto focal_in_range = [](double f) { return f > 1 && f < 1e5; };
-  if (!all_finite(message.k) || !all_finite(message.p) || !focal_in_range(message.k[0]) ||
-      !focal_in_range(message.k[4]))
-    return fail("malformed:intrinsics", "K and P must be finite, with focal lengths in 1 .. 1e5 pixels");
-  const std::span<const double> d(message.d._buffer, message.d._length);
-  const std::string_view model = text(message.distortion_model);
-  if (!distortion_fits(model, d.size()) || !all_finite(d))
-    return fail("malformed:distortion", std::to_string(d.size()) +
-                                            " coefficients do not make a distortion model '" +
-                                            std::string(model.substr(0, 32)) + "'");
-  CameraInfo info{*stamp,
-                  static_cast<int>(message.width),
-                  static_cast<int>(message.height),
-                  std::string(model),
-                  {},
-                  {d.begin(), d.end()},
-                  {}};
+  const auto across = extent(message.width, message.roi.x_offset, message.roi.width, message.binning_x);
+  if (!across) return tl::unexpected(across.error());
+  const auto down = extent(message.height, message.roi.y_offset, message.roi.height, message.binning_y);
+  if (!down) return tl::unexpected(down.error());
+  const auto distortion =
+      lens(text(message.distortion_model), std::span<const double>(message.d._buffer, message.d._length));
+  if (!distortion) return tl::unexpected(distortion.error());
+
+  CameraInfo info{.stamp = *stamp,
+                  .width = across->image_pixels(),
+                  .height = down->image_pixels(),
+                  .model = distortion->model,
+                  .K = {},
+                  .D = distortion->distortion,
+                  .P = {}};
   std::ranges::copy(message.k, info.K.begin());
   std::ranges::copy(message.p, info.P.begin());
+  across->adjust(info.K[0], info.K[2]);
+  down->adjust(info.K[4], info.K[5]);
+  across->adjust(info.P[0], info.P[2]);
+  down->adjust(info.P[5], info.P[6]);
+  info.P[3] /= static_cast<double>(across->binning);  // -fx times the baseline
+  info.P[7] /= static_cast<double>(down->binning);
+  const auto focal_in_range = [](double f) { return f > 1 && f < 1e5; };
+  if (!all_finite(info.K) || !all_finite(info.P) || !focal_in_range(info.K[0]) || !focal_in_range(info.K[4]))
+    return fail("malformed:intrinsics", "K and P must be finite, with focal lengths in 1 .. 1e5 pixels");
   return info;
 }
 

@@ -1,9 +1,9 @@
 #pragma once
 
 #include <array>
-#include <string>
 #include <vector>
 
+#include "calib/camera.hpp"
 #include "calib/frame.hpp"
 #include "calib/result.hpp"
 #include "ros2.h"
@@ -37,6 +37,7 @@ namespace calib {
 /// | malformed:cloud_data            | PointCloud2            | data >= (height - 1) * row_step + width * point_step |
 /// | malformed:intrinsics            | CameraInfo             | K and P finite, 1 < fx, fy < 1e5                     |
 /// | malformed:distortion            | CameraInfo             | a known model, D finite and as long as it asks       |
+/// | malformed:roi                   | CameraInfo             | roi inside width x height, binning inside the roi    |
 // clang-format on
 
 /// Grey by OpenCV's weights, 8 bit. Encodings: rgb8 bgr8 rgba8 bgra8 mono8 8UC1, 8UC3 (as bgr8), mono16 (its
@@ -52,13 +53,16 @@ namespace calib {
 /// empty scan.
 [[nodiscard]] Result<LidarScan> decode_cloud(const sensor_msgs_msg_dds__PointCloud2_& message);
 
-/// What a camera says about itself. Row-major, pixels.
+/// What a camera says about itself, for the image as it is published: sensor_msgs/CameraInfo's K and P are for the full
+/// sensor; here its roi is cut out of that and its binning merged (a binned pixel's centre is that of its block).
 struct CameraInfo {
   Timestamp stamp{};
   int width = 0;
   int height = 0;
-  /// plumb_bob, rational_polynomial, equidistant, or empty for an image without distortion.
-  std::string distortion_model;
+  /// Of the raw image, with D in its order: `plumb_bob`, `rational_polynomial`, `equidistant` (also called fisheye);
+  /// `rectified`, with no D, where the message names no model or "none".
+  CameraModel model = CameraModel::rectified;
+  /// Row-major, pixels.
   std::array<double, 9> K{};
   std::vector<double> D;
   std::array<double, 12> P{};

@@ -86,7 +86,7 @@ Result<Camera> Camera::make(CameraModel model, int width, int height, const std:
   camera.distortion_ = distortion;
   camera.distortion_.resize(facts(model).most, 0.0);
   camera.fold_rad_ = lens::fold_angle_rad(model, camera.distortion_);
-  camera.min_cosine_ = std::cos(camera.fold_rad_ - fold_margin_rad);
+  camera.min_cosine_ = std::cos(std::max(0.0, camera.fold_rad_ - fold_margin_rad));
   camera.max_angle_rad_ = camera.widest_angle_rad();
   return camera;
 }
@@ -106,7 +106,8 @@ std::optional<Eigen::Vector3d> Camera::unproject(const Eigen::Vector2d& uv) cons
   if (!m.allFinite()) return std::nullopt;
   const auto bearing = lens::from_plane(model_, distortion_, m, fold_rad_);
   // Half the margin: what `project` gives must have its way back whatever the last digit.
-  if (!bearing || !(bearing->z() > std::cos(fold_rad_ - 0.5 * fold_margin_rad))) return std::nullopt;
+  const double end_rad = std::max(0.0, fold_rad_ - 0.5 * fold_margin_rad);
+  if (!bearing || !(bearing->z() > std::cos(end_rad))) return std::nullopt;
   return bearing;
 }
 

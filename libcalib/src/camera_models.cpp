@@ -23,8 +23,8 @@ double boundary(double inside, double outside, const Predicate& positive) {
 }
 
 /// Brown's distortion with OpenCV's rational radial factor: m' = f(s) m + 2 (q.m) m + s q, s = |m|^2, q = (p2, p1).
-/// It is the gradient of a potential (its Jacobian is symmetric); where that Jacobian is positive definite, on a disc, the
-/// potential is convex: no two points of the disc have one image, and Newton's method finds the way back.
+/// It is the gradient of a potential (its Jacobian is symmetric). On a disc where that Jacobian is positive definite,
+/// the potential is convex: no two points of the disc have one image, and Newton's method finds the way back.
 struct Brown {
   double k1, k2, p1, p2, k3, k4, k5, k6;
 
@@ -72,8 +72,8 @@ struct Brown {
     return std::sqrt(largest);
   }
 
-  /// The point of the disc of radius `fold` that `distort` maps to `target`: Newton's method, with steps short enough to
-  /// stay in the disc and to come closer each time.
+  /// The point of the disc of radius `fold` that `distort` maps to `target`: Newton's method, with steps short enough
+  /// to stay in the disc and to come closer each time.
   [[nodiscard]] std::optional<Vector2d> undistort(const Vector2d& target, double fold) const {
     Vector2d m = target * std::min(1.0, 0.9 * fold / (target.norm() + 1e-300));
     Vector2d miss = distort(m) - target;
@@ -173,7 +173,7 @@ double unified_limit(double alpha) { return alpha <= 0.5 ? alpha / (1 - alpha) :
 double double_sphere_fold(double xi, double alpha) {
   const double w1 = unified_limit(alpha), v = 1 - w1 * w1;
   const double published = (w1 + xi) / std::sqrt(2 * w1 * xi + xi * xi + 1);
-  // Solves (cosine + xi) / |bearing + xi axis| = -w1: where the second sphere ends. Tighter for xi < 0 and a small alpha.
+  // Solves (cosine + xi) / |bearing + xi axis| = -w1: where the second sphere ends. Tighter for xi < 0, small alpha.
   const double second_sphere = xi * v + w1 * std::sqrt(1 - xi * xi * v);
   return std::acos(-std::clamp(std::min(published, second_sphere), -1.0, 1.0));
 }

@@ -239,12 +239,26 @@ TEST_CASE("a wrong value is refused with its file, line and key") {
   }
 }
 
-TEST_CASE(
-    "stereo depth of an image that is not rectified is refused at once, not when the first pair arrives") {
-  std::string yaml = with("model: rectified", "model: plumb_bob");
-  yaml.replace(yaml.find("distortion: []"), 14, "distortion: [-0.3, 0.1, 0.001, 0.002, 0]");
-  CHECK_THAT(refusal(yaml),
-             Catch::Matchers::StartsWith("c.yaml:19: pairs[0].camera.model: depth from stereo needs"));
+TEST_CASE("a lens is checked by its own parameters, and stereo depth of what is not rectified is refused at once") {
+  const auto lens = [](const std::string& model, const std::string& distortion) {
+    std::string yaml = with("model: rectified", "model: " + model);
+    return refusal(yaml.replace(yaml.find("distortion: []"), 14, "distortion: [" + distortion + "]"));
+  };
+  for (const auto& [model, distortion] : std::vector<std::pair<std::string, std::string>>{
+           {"plumb_bob", "-0.3, 0.1, 0.001, 0.002, 0"},
+           {"rational_polynomial", "0.6, -2.7, 0.001, 0, 1.6, 0.5, -2.5, 1.5"},
+           {"equidistant", "0.02, -0.006, 0.001, 0"},
+           {"double_sphere", "-0.2, 0.6"},
+           {"eucm", "0.6, 1.1"},
+           {"mei", "2.2, 0.02, 1.7, 0, 0"}}) {
+    INFO(model);
+    CHECK_THAT(lens(model, distortion),
+               Catch::Matchers::StartsWith("c.yaml:19: pairs[0].camera.model: depth from stereo needs"));
+    CHECK_THAT(lens(model, "0.5"),
+               Catch::Matchers::StartsWith("c.yaml:22: pairs[0].camera.distortion: model " + model + " needs"));
+  }
+  CHECK_THAT(lens("double_sphere", "0.6, -0.2"),
+             Catch::Matchers::StartsWith("c.yaml:22: pairs[0].camera.distortion: model double_sphere has alpha"));
 }
 
 TEST_CASE("an unknown key is refused with its line, in every mapping") {

@@ -189,22 +189,21 @@ TEST_CASE("every bound of a camera info is refused by its name") {
            {"malformed:distortion", model("plumb_bob", 4), model("plumb_bob", 3)},
            {"malformed:distortion", model("plumb_bob", 5), model("plumb_bob", 6)},
            {"malformed:distortion", model("rational_polynomial", 8), model("rational_polynomial", 7)},
+           {"malformed:distortion", model("rational_polynomial", 8), model("rational_polynomial", 14)},
            {"malformed:distortion", model("equidistant", 4), model("equidistant", 5)},
+           {"malformed:distortion", model("fisheye", 4), model("fisheye", 5)},
+           {"malformed:distortion", model("none", 0), model("none", 5)},
            {"malformed:distortion", model("", 0), model("", 1)},
            {"malformed:distortion", same, model("pancake", 5)},
-           {"malformed:distortion", same, [](auto& m) { m.d[1] = not_a_number; }}});
-}
-
-TEST_CASE("a camera info keeps what it says") {
-  CameraInfoMessage message;
-  const CameraInfo info = require_ok(decode(message));
-  CHECK(info.stamp == std::chrono::seconds(12) + std::chrono::nanoseconds(345));
-  CHECK(info.width == 640);
-  CHECK(info.height == 480);
-  CHECK(info.distortion_model == "plumb_bob");
-  CHECK(info.D == message.d);
-  CHECK(info.K == message.k);
-  CHECK(info.P == message.p);
+           {"malformed:distortion", same, [](auto& m) { m.d[1] = not_a_number; }},
+           {"malformed:roi", [](auto& m) { m.roi_x = 600, m.roi_width = 40; },
+            [](auto& m) { m.roi_x = 600, m.roi_width = 41; }},
+           {"malformed:roi", [](auto& m) { m.roi_y = 479; }, [](auto& m) { m.roi_y = 480; }},
+           {"malformed:roi", same, [](auto& m) { m.roi_x = 0xFFFFFFFF, m.roi_width = 2; }},
+           {"malformed:roi", [](auto& m) { m.binning_y = m.roi_height = 10; },
+            [](auto& m) { m.binning_y = 11, m.roi_height = 10; }},
+           // 500 pixels become 1.002, or no more than 1
+           {"malformed:intrinsics", [](auto& m) { m.binning_x = 499; }, [](auto& m) { m.binning_x = 500; }}});
 }
 
 namespace {
@@ -267,7 +266,8 @@ void check_outcome(const Result<Value>& result, const std::function<bool(const V
                                               "row_step",
                                               "cloud_data",
                                               "intrinsics",
-                                              "distortion"};
+                                              "distortion",
+                                              "roi"};
   if (result) {
     REQUIRE(sound(*result));
     return;
@@ -291,7 +291,7 @@ TEST_CASE("a message corrupted at random is a sound value or a listed refusal") 
     });
   };
   const std::function sound_info = [](const CameraInfo& info) {
-    return info.K[0] > 1 && info.D.size() <= 14;
+    return info.width > 0 && info.height > 0 && info.K[0] > 1 && info.D.size() <= 8;
   };
   Octets jpeg;
   REQUIRE(cv::imencode(".jpg", cv::Mat(16, 16, CV_8UC3, cv::Scalar(9, 99, 200)), jpeg));
@@ -307,7 +307,8 @@ TEST_CASE("a message corrupted at random is a sound value or a listed refusal") 
       std::uint32_t* const numbers[] = {&image.width,      &image.height,   &image.step,
                                         &image.nanosec,    &cloud.width,    &cloud.height,
                                         &cloud.point_step, &cloud.row_step, &cloud.nanosec,
-                                        &info.width,       &info.height,    &compressed.nanosec};
+                                        &info.width,       &info.height,    &compressed.nanosec,
+                                        &info.binning_x,   &info.roi_x,     &info.roi_height};
       *numbers[corruption.below(std::size(numbers))] = corruption.number();
       CloudField& field = cloud.fields[corruption.below(4)];
       switch (corruption.below(5)) {

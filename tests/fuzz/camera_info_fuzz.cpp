@@ -12,6 +12,7 @@ Octets seed() {
   out.put(good.sec).put(good.nanosec).put(good.width).put(good.height).put(good.k).put(good.p);
   out.put_text(good.distortion_model).put(static_cast<std::uint8_t>(good.d.size()));
   for (const double d : good.d) out.put(d);
+  out.put(good.binning_x).put(good.binning_y).put(good.roi_x).put(good.roi_y).put(good.roi_width).put(good.roi_height);
   return out.with({});
 }
 
@@ -29,6 +30,9 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
   message.distortion_model = input.take_text();
   message.d.resize(input.take<std::uint8_t>());
   for (double& d : message.d) d = input.take<double>();
+  for (auto* number : {&message.binning_x, &message.binning_y, &message.roi_x, &message.roi_y, &message.roi_width,
+                       &message.roi_height})
+    *number = input.take<std::uint32_t>();
   const auto info = calib::decode_camera_info(message.raw());
   if (!info) {
     calib::fuzz::require(info.error().code.starts_with("malformed:"));
@@ -36,5 +40,11 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
   }
   calib::fuzz::require(info->width > 0 && info->height > 0 && info->K[0] > 1 && info->K[4] < 1e5);
   for (const double d : info->D) calib::fuzz::require(std::isfinite(d));
+  // The lens is a camera, or refused for its image's size; whatever it shows has its way back.
+  const auto camera = calib::Camera::make(info->model, info->width, info->height,
+                                          {info->K[0], info->K[4], info->K[2], info->K[5]}, info->D);
+  calib::fuzz::require(camera.has_value() || info->width < 16 || info->height < 16);
+  if (!camera) return 0;
+  if (const auto uv = camera->project({0.1, -0.2, 1})) calib::fuzz::require(camera->unproject(*uv).has_value());
   return 0;
 }

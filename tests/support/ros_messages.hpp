@@ -65,6 +65,8 @@ struct CameraInfoMessage {
   std::vector<double> d{-0.3, 0.1, 0.001, -0.002, 0.01};
   std::array<double, 9> k{500, 0, 320, 0, 510, 240, 0, 0, 1};
   std::array<double, 12> p{500, 0, 320, 0, 0, 510, 240, 0, 0, 0, 1, 0};
+  std::uint32_t binning_x = 0, binning_y = 0;
+  std::uint32_t roi_x = 0, roi_y = 0, roi_width = 0, roi_height = 0;
 
   sensor_msgs_msg_dds__CameraInfo_ raw() {
     sensor_msgs_msg_dds__CameraInfo_ message{};
@@ -76,6 +78,9 @@ struct CameraInfoMessage {
     message.d = {length, length, d.data(), false};
     std::memcpy(message.k, k.data(), sizeof(message.k));
     std::memcpy(message.p, p.data(), sizeof(message.p));
+    message.binning_x = binning_x;
+    message.binning_y = binning_y;
+    message.roi = {roi_x, roi_y, roi_height, roi_width, false};
     return message;
   }
 

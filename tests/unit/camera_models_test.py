@@ -44,7 +44,8 @@ CAMERAS = [
     (pinhole, "rectified", (1242, 375), (721.5, 718.2, 609.6, 172.9), ()),
     (pinhole, "plumb_bob", (1242, 375), (721.5, 718.2, 609.6, 172.9), (-0.28, 0.09, 1.2e-3, -7e-4, -0.01)),
     (pinhole, "plumb_bob", (1600, 1600), (300, 300, 800, 800), (-0.3, 0.05, 0.03, -0.05)),
-    (pinhole, "rational_polynomial", (1280, 720), (610, 611, 640.5, 366), (0.62, -2.7, 8e-4, -3e-4, 1.6, 0.5, -2.5, 1.5)),
+    (pinhole, "rational_polynomial", (1280, 720), (610, 611, 640.5, 366),
+     (0.62, -2.7, 8e-4, -3e-4, 1.6, 0.5, -2.5, 1.5)),
     (pinhole, "rational_polynomial", (1600, 1600), (300, 300, 800, 800), (0, 0, 0, 0, 0, -0.5, 0, 0)),
     (equidistant, "equidistant", (1280, 960), (330, 331, 641, 478), (0.02, -0.006, 0.001, -0.0004)),
     (equidistant, "equidistant", (1600, 1600), (300, 300, 800, 800), (-0.1, 0, 0, 0)),
@@ -62,7 +63,7 @@ def bearings(angle, azimuth):
 
 
 def fold(formula, distortion):
-    """The angle at which neighbours change sides: where the formula's Jacobian, as angle and azimuth move, turns over."""
+    """The angle at which neighbours change sides: where the formula's Jacobian in angle and azimuth turns over."""
     angle, azimuth = np.meshgrid(np.arange(1e-3, np.pi, 5e-4), np.linspace(0, 2 * np.pi, 181), indexing="ij")
     h = 1e-6
 
@@ -110,7 +111,7 @@ def test_pixels_and_what_is_visible(bin_dir, formula, model, size, intrinsics, d
     outside = ((expected < -0.5 - 1e-6) | (expected > edge + 1e-6)).any(axis=1)
     visible = ~np.isnan(uv[:, 0])
 
-    # What is known of the fold is good to a few samples; double_sphere's published limit is up to a degree and a half early.
+    # The fold is known to a few samples; double_sphere's published limit is up to a degree and a half early.
     early = 0.03 if model == "double_sphere" else 2e-3
     assert visible[inside & (angle < end - early)].all()
     assert not visible[outside | (angle > end + 2e-3)].any()

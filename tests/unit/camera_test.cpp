@@ -139,7 +139,7 @@ TEST_CASE("projecting the bearing of a pixel gives the pixel, all over the image
   }
 }
 
-TEST_CASE("whatever is visible has its bearing back: no pixel is ever that of another direction") {
+TEST_CASE("whatever is visible has its bearing back: no pixel is that of another direction") {
   // Beside the lenses above some that fold inside the image, for every reason that there is.
   std::vector<Parameters> lenses = all;
   const std::vector<double> short_lens{200, 200, 800, 800};
@@ -183,6 +183,33 @@ TEST_CASE("whatever is visible has its bearing back: no pixel is ever that of an
     CHECK(visible > 1000);
     CHECK(worst < 1e-6);
     CHECK(widest <= camera.max_angle_rad());
+  }
+}
+
+TEST_CASE("nor with any coefficients at all, up to the very end of what is visible") {
+  std::mt19937 random(5);
+  std::normal_distribution<double> normal;
+  std::uniform_real_distribution<double> uniform(0, 1);
+  for (int i = 0; i < 1400; ++i) {
+    Parameters of = all[i % all.size()];
+    const double magnitude = std::pow(10, 4 * uniform(random) - 3);
+    for (double& d : of.distortion) d = uniform(random) < 0.2 ? 0 : magnitude * normal(random);
+    if (of.model == CameraModel::double_sphere) of.distortion = {1 - 2 * uniform(random), uniform(random)};
+    if (of.model == CameraModel::eucm) of.distortion = {uniform(random), std::exp(2 * normal(random))};
+    if (of.model == CameraModel::mei) of.distortion[0] = 3 * uniform(random);
+    of.intrinsics[0] = of.intrinsics[1] = std::exp(3 + 4 * uniform(random));
+    INFO(to_string(of.model) << " f " << of.intrinsics[0] << " " << Catch::Detail::stringify(of.distortion));
+    const Camera camera = of.camera();
+    for (int k = 0; k < 1000; ++k) {
+      const double depth_in_cone = k % 10 == 0 ? 2e-6 * uniform(random) : uniform(random) * camera.max_angle_rad();
+      const double angle = camera.max_angle_rad() - depth_in_cone, azimuth = 2 * std::numbers::pi * uniform(random);
+      const Vector3d b(std::sin(angle) * std::cos(azimuth), std::sin(angle) * std::sin(azimuth), std::cos(angle));
+      const auto uv = camera.project(b);
+      if (!uv) continue;
+      const auto bearing = camera.unproject(*uv);
+      REQUIRE(bearing);
+      REQUIRE((*bearing - b).norm() < 1e-6);
+    }
   }
 }
 

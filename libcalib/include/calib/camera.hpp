@@ -14,18 +14,18 @@ namespace calib {
 /// point p = (x, y, z) with norm d and for n = (x, y) / z:
 ///
 // clang-format off
-/// | model               | distortion, in order    | m                                              | source           |
-/// |---------------------|-------------------------|------------------------------------------------|------------------|
-/// | rectified           | none                    | n                                              |                  |
-/// | plumb_bob           | k1 k2 p1 p2 [k3]        | B(n), B: Brown's polynomial                    | OpenCV           |
-/// | rational_polynomial | k1 k2 p1 p2 k3 k4 k5 k6 | B(n), B with a quotient of polynomials         | OpenCV           |
-/// | equidistant         | k1 k2 k3 k4             | t (1 + k1 t^2 + .. + k4 t^8) along (x, y),     | Kannala & Brandt |
-/// |                     |                         | t: angle off the optical axis                  | 2006, OpenCV     |
-/// | double_sphere       | xi alpha                | (x, y) / (alpha e + (1 - alpha) (xi d + z)),   | Usenko et al.    |
-/// |                     |                         | e^2 = x^2 + y^2 + (xi d + z)^2                 | 2018             |
-/// | eucm                | alpha beta              | (x, y) / (alpha e + (1 - alpha) z),            | Khomutenko et    |
-/// |                     |                         | e^2 = beta (x^2 + y^2) + z^2                   | al. 2016         |
-/// | mei                 | xi k1 k2 p1 p2          | B((x, y) / (z + xi d))                         | Mei & Rives 2007 |
+/// | model               | distortion, in order | m                                            | source           |
+/// |---------------------|----------------------|----------------------------------------------|------------------|
+/// | rectified           | none                 | n                                            |                  |
+/// | plumb_bob           | k1 k2 p1 p2 [k3]     | B(n), B: Brown's polynomial                  | OpenCV           |
+/// | rational_polynomial | k1 k2 p1 p2 k3 .. k6 | B(n), B with a quotient of polynomials       | OpenCV           |
+/// | equidistant         | k1 k2 k3 k4          | t (1 + k1 t^2 + .. + k4 t^8) along (x, y),   | Kannala & Brandt |
+/// |                     |                      | t: angle off the optical axis                | 2006, OpenCV     |
+/// | double_sphere       | xi alpha             | (x, y) / (alpha e + (1 - alpha) (xi d + z)), | Usenko et al.    |
+/// |                     |                      | e^2 = x^2 + y^2 + (xi d + z)^2               | 2018             |
+/// | eucm                | alpha beta           | (x, y) / (alpha e + (1 - alpha) z),          | Khomutenko et    |
+/// |                     |                      | e^2 = beta (x^2 + y^2) + z^2                 | al. 2016         |
+/// | mei                 | xi k1 k2 p1 p2       | B((x, y) / (z + xi d))                       | Mei & Rives 2007 |
 // clang-format on
 ///
 /// Each is valid in a cone about the optical axis: as far as it is one-to-one. Beyond that the formulas go on giving

@@ -1,0 +1,86 @@
+#include "dds/decode.hpp"
+#include "support/catch.hpp"
+#include "support/ros_messages.hpp"
+#include "support/support.hpp"
+
+using namespace calib;
+using namespace calib::test;
+
+namespace {
+
+Result<CameraInfo> decode(CameraInfoMessage& message) { return decode_camera_info(message.raw()); }
+
+}  // namespace
+
+TEST_CASE("a camera info keeps what it says") {
+  CameraInfoMessage message;
+  const CameraInfo info = require_ok(decode(message));
+  CHECK(info.stamp == std::chrono::seconds(12) + std::chrono::nanoseconds(345));
+  CHECK(info.width == 640);
+  CHECK(info.height == 480);
+  CHECK(info.model == CameraModel::plumb_bob);
+  CHECK(info.D == message.d);
+  CHECK(info.K == message.k);
+  CHECK(info.P == message.p);
+}
+
+TEST_CASE("a distortion model's name and coefficients become a lens that Camera takes") {
+  struct Named {
+    std::string name;
+    std::size_t coefficients;
+    CameraModel model;
+    std::size_t taken;
+  };
+  for (const Named& named : std::vector<Named>{{"plumb_bob", 0, CameraModel::plumb_bob, 5},
+                                               {"plumb_bob", 4, CameraModel::plumb_bob, 5},
+                                               {"rational_polynomial", 8, CameraModel::rational_polynomial, 8},
+                                               {"equidistant", 4, CameraModel::equidistant, 4},
+                                               {"fisheye", 4, CameraModel::equidistant, 4},
+                                               {"", 0, CameraModel::rectified, 0},
+                                               {"none", 0, CameraModel::rectified, 0}}) {
+    INFO(named.name << ", " << named.coefficients);
+    CameraInfoMessage message;
+    message.distortion_model = named.name;
+    message.d.assign(named.coefficients, 0.01);
+    const CameraInfo info = require_ok(decode(message));
+    CHECK(info.model == named.model);
+    CHECK(info.D.size() == named.taken);
+    CHECK(Camera::make(info.model, info.width, info.height, {info.K[0], info.K[4], info.K[2], info.K[5]}, info.D));
+  }
+  CameraInfoMessage message;
+  message.distortion_model = "rational_polynomial";  // as some drivers send it: 14 of which the last six say nothing
+  message.d = {0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0, 0, 0, 0, 0, 0};
+  CHECK(require_ok(decode(message)).D == std::vector{0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8});
+  message.distortion_model = "\x1b[2Jthin_prism";
+  const std::string refusal = decode(message).error().context;
+  CHECK(refusal.find('\x1b') == std::string::npos);
+  CHECK_THAT(refusal, Catch::Matchers::ContainsSubstring("thin_prism' is none of plumb_bob, "));
+}
+
+TEST_CASE("a camera info's roi and binning give the intrinsics of the image that is published") {
+  CameraInfoMessage message;
+  message.p[3] = -500 * 0.5;  // a baseline of 0.5 m
+  message.roi_x = 100, message.roi_y = 60, message.roi_width = 401, message.roi_height = 300;
+  message.binning_x = 2, message.binning_y = 3;
+  const CameraInfo info = require_ok(decode(message));
+  CHECK(info.width == 200);
+  CHECK(info.height == 100);
+  CHECK(info.K[0] == 250);
+  CHECK(info.K[4] == 170);
+  CHECK(info.P[3] == -250 * 0.5);
+  // The block of full pixels 300 and 301 is pixel 100 of the image, so full pixel 300.5 is its centre.
+  const auto pixel_of = [](double full, double offset, double binning) {
+    return (full - offset - (binning - 1) / 2) / binning;
+  };
+  CHECK(pixel_of(300.5, 100, 2) == 100);
+  CHECK(info.K[2] == Approx(pixel_of(320, 100, 2)));
+  CHECK(info.K[5] == Approx(pixel_of(240, 60, 3)));
+  CHECK(info.P[2] == Approx(info.K[2]));
+  CHECK(info.P[6] == Approx(info.K[5]));
+
+  CameraInfoMessage binned;  // a roi of zeros is the whole
+  binned.binning_x = binned.binning_y = 2;
+  const CameraInfo half = require_ok(decode(binned));
+  CHECK((half.width == 320 && half.height == 240));
+  CHECK(half.K[2] == 159.75);
+}
