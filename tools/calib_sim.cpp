@@ -1,6 +1,7 @@
 #include <CLI/CLI.hpp>
 #include <iostream>
 
+#include "vehicle/camera_option.hpp"
 #include "vehicle/play.hpp"
 
 int main(int argc, char** argv) {
@@ -17,6 +18,11 @@ int main(int argc, char** argv) {
   app.add_option("--height", simulation.height, "of the images, pixels")
       ->check(CLI::Range(64, 4096))
       ->capture_default_str();
+  std::string camera, size;
+  auto* camera_option = app.add_option("--camera", camera,
+                                       "for --dump: one camera of any model instead of the stereo camera: "
+                                       "fisheye-double-sphere, kitti-360-fisheye or MODEL:fx,fy,cx,cy[,distortion...]");
+  app.add_option("--size", size, "its size, WxH pixels")->needs(camera_option);
   app.add_flag("--dark", simulation.dark, "night: the cameras see next to nothing");
   app.add_option("--lidar-dropout", simulation.lidar.dropout, "share of returns that get lost")
       ->check(CLI::Range(0.0, 1.0))
@@ -28,15 +34,22 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(10.0, 360.0))
       ->capture_default_str();
   vehicle::add_play_options(app, options);
+  camera_option->needs("--dump")->excludes("--print-config")->excludes("--overlay");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : 2;
   }
-  const auto simulated = vehicle::simulated_vehicle(simulation);
-  if (!simulated) {
-    std::cerr << simulated.error().code << ": " << simulated.error().context << '\n';
+  const auto usage = [](const Error& error) {
+    std::cerr << error.code << ": " << error.context << '\n';
     return 2;
+  };
+  if (!camera.empty()) {
+    auto parsed = vehicle::parse_camera(camera, size);
+    if (!parsed) return usage(parsed.error());
+    simulation.camera = *std::move(parsed);
   }
+  const auto simulated = vehicle::simulated_vehicle(simulation);
+  if (!simulated) return usage(simulated.error());
   return vehicle::play(*simulated, options);
 }

@@ -144,7 +144,7 @@ Result<DepthMap> read_depth(const DepthFolder& depth, const std::string& frame_n
   DepthMap map;
   map.width = camera.width();
   map.height = camera.height();
-  [](auto& m, bool v) { if constexpr (requires { m.along_ray; }) m.along_ray = v; }(map, depth.kind == DepthKind::range);
+  map.along_ray = depth.kind == DepthKind::range;
   map.inverse_depth.reserve(values.total());
   for (const float raw : cv::Mat_<float>(values)) {
     const auto value = static_cast<float>(raw * factor);

@@ -5,10 +5,12 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <functional>
 #include <iostream>
 #include <nlohmann/json.hpp>
 
 #include "dataset/kitti_raw_writer.hpp"
+#include "dataset/list_writer.hpp"
 #include "vehicle/overlay.hpp"
 
 namespace calib::vehicle {
@@ -109,20 +111,43 @@ Result<void> write_overlay_of(const Vehicle& vehicle, const PlayOptions& options
   return write_overlay(options.overlay, *pair, vehicle.camera, T_camera_lidar);
 }
 
-Result<void> dump(const Vehicle& vehicle, const PlayOptions& options, const Knock& knock) {
-  if (!options.frames && !options.duration_s) return fail("no_end", "--dump needs --frames or --duration");
-  const auto drive = options.dump / "2026_01_01" / "2026_01_01_drive_0001_sync";
-  auto writer = KittiRawWriter::create(drive, vehicle.camera, vehicle.baseline_m, vehicle.T_camera_lidar);
-  if (!writer) return tl::unexpected(writer.error());
+/// Makes every frame and has `write` write it.
+Result<void> write_frames(const Vehicle& vehicle, const PlayOptions& options, const Knock& knock,
+                          const std::function<Result<void>(const SeenFrame&)>& write) {
   TruthPrinter truth(vehicle.T_camera_lidar);
   for (std::size_t i = 0; i < frame_count(options); ++i) {
     const double t_s = static_cast<double>(i) / options.rate_hz;
     const Vector6 delta = knock.at(t_s);
     truth.at(t_s, i, delta);
-    const auto pair = vehicle.frame(i, t_s, perturbation(delta));
-    if (!pair) return tl::unexpected(pair.error());
-    if (const auto written = writer->append(*pair); !written) return written;
+    const auto seen = vehicle.frame(i, t_s, perturbation(delta));
+    if (!seen) return tl::unexpected(seen.error());
+    if (const auto written = write(*seen); !written) return written;
   }
+  return {};
+}
+
+Result<void> dump(const Vehicle& vehicle, const PlayOptions& options, const Knock& knock) {
+  if (!options.frames && !options.duration_s) return fail("no_end", "--dump needs --frames or --duration");
+  if (vehicle.baseline_m == 0) {  // no stereo camera, and KITTI's layout has room for nothing else
+    auto writer = ListWriter::create(options.dump, vehicle.camera, vehicle.T_camera_lidar);
+    if (!writer) return tl::unexpected(writer.error());
+    const auto written = write_frames(vehicle, options, knock, [&](const SeenFrame& seen) {
+      return writer->append(seen.image, seen.scan, seen.range_m);
+    });
+    if (!written) return written;
+    std::cout << json{{"event", "dump"},
+                      {"recording", (options.dump / "recording.yaml").string()},
+                      {"depth", (options.dump / "depth").string()}}
+                     .dump()
+              << std::endl;
+    return {};
+  }
+  const auto drive = options.dump / "2026_01_01" / "2026_01_01_drive_0001_sync";
+  auto writer = KittiRawWriter::create(drive, vehicle.camera, vehicle.baseline_m, vehicle.T_camera_lidar);
+  if (!writer) return tl::unexpected(writer.error());
+  const auto written =
+      write_frames(vehicle, options, knock, [&](const SeenFrame& seen) { return writer->append(seen); });
+  if (!written) return written;
   std::cout << json{{"event", "dump"}, {"drive", drive.string()}}.dump() << std::endl;
   return {};
 }

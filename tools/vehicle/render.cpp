@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "vehicle/facing_triangle.hpp"
 
@@ -132,10 +133,7 @@ float sky(const NoiseTexture& noise, const Vector3f& direction) {
   return 0.95f - 0.35f * std::min(height, 1.f) + 0.05f * noise.at(u, v, 0.03f, 0.03f);
 }
 
-float shade(const NoiseTexture& noise, const Face& face, float x, float y, float& depth_m) {
-  const float w = face.inverse_depth.x() * x + face.inverse_depth.y() * y + face.inverse_depth.z();
-  const float z = 1 / w;
-  depth_m = z;
+float shade(const NoiseTexture& noise, const Face& face, float x, float y, float z) {
   const float u = (face.u_over_z.x() * x + face.u_over_z.y() * y + face.u_over_z.z()) * z;
   const float v = (face.v_over_z.x() * x + face.v_over_z.y() * y + face.v_over_z.z()) * z;
   // Change of the texture position from this pixel to the next across and down.
@@ -148,38 +146,156 @@ float shade(const NoiseTexture& noise, const Face& face, float x, float y, float
   return surface + haze * (0.8f - surface);
 }
 
+/// The scene as a rectified camera sees it, to be asked at any place of the image.
+class View {
+ public:
+  View(const Scene& scene, const std::vector<Instance>& instances, const Camera& camera,
+       const RigidTransform& T_world_camera)
+      : noise_(scene.noise()),
+        camera_(camera),
+        R_world_camera_(T_world_camera.linear().cast<float>()),
+        buffer_(camera) {
+    const RigidTransform T_camera_world = T_world_camera.inverse();
+    const Vector3f sun = (T_camera_world.linear() * scene.sun()).cast<float>();
+    for (const Instance& instance : instances) {
+      const Eigen::Isometry3f T_camera_mesh = (T_camera_world * instance.T_world_mesh).cast<float>();
+      for (const Triangle& triangle : instance.mesh->triangles) {
+        const FacingTriangle facing(triangle, T_camera_mesh);
+        if (facing.faces_origin()) buffer_.draw(triangle, facing, sun);
+      }
+    }
+  }
+
+  struct Sample {
+    float brightness, depth_m;  // depth along the optical axis, infinite in the sky
+  };
+  /// On the surface that the nearest pixel shows.
+  [[nodiscard]] Sample at(float x, float y) const {
+    const float column = std::clamp(std::round(x), 0.f, static_cast<float>(camera_.width() - 1)),
+                row = std::clamp(std::round(y), 0.f, static_cast<float>(camera_.height() - 1));
+    const Face* face = buffer_.face_at(static_cast<int>(row) * camera_.width() + static_cast<int>(column));
+    if (!face) return {sky(noise_, R_world_camera_ * ray(x, y).normalized()), std::numeric_limits<float>::infinity()};
+    // A surface seen edge-on may end between the pixel's centre and (x, y), and 1/z with it.
+    const Vector3f& inverse = face->inverse_depth;
+    const float nearby = inverse.x() * column + inverse.y() * row + inverse.z();
+    const float z = 1 / std::max(inverse.x() * x + inverse.y() * y + inverse.z(), 0.5f * nearby);
+    return {shade(noise_, *face, x, y, z), z};
+  }
+
+ private:
+  [[nodiscard]] Vector3f ray(float x, float y) const {
+    return {(x - static_cast<float>(camera_.cx())) / static_cast<float>(camera_.fx()),
+            (y - static_cast<float>(camera_.cy())) / static_cast<float>(camera_.fy()), 1};
+  }
+
+  const NoiseTexture& noise_;
+  const Camera& camera_;
+  Eigen::Matrix3f R_world_camera_;
+  DepthBuffer buffer_;
+};
+
+Rendering empty_rendering(int width, int height) {
+  const std::size_t pixels = static_cast<std::size_t>(width) * height;
+  return {width, height, std::vector<float>(pixels, 0.f),
+          std::vector<float>(pixels, std::numeric_limits<float>::infinity())};
+}
+
+/// A camera's frame to that of its cube's faces: each looks along an axis, either way.
+Eigen::Matrix3f face_axes(int face) {
+  Eigen::Matrix3f R_camera_face;
+  const float sign = face % 2 == 0 ? 1.f : -1.f;
+  switch (face / 2) {
+    case 0:  // ahead, back
+      R_camera_face << sign, 0, 0, 0, 1, 0, 0, 0, sign;
+      break;
+    case 1:  // right, left
+      R_camera_face << 0, 0, sign, 0, 1, 0, -sign, 0, 0;
+      break;
+    default:  // down, up
+      R_camera_face << 1, 0, 0, 0, 0, sign, 0, -sign, 0;
+  }
+  return R_camera_face;
+}
+
+/// The face that `ray` goes through.
+int face_of(const Vector3f& ray) {
+  int axis = 0;
+  ray.cwiseAbs().maxCoeff(&axis);
+  constexpr std::array<int, 3> first{2, 4, 0};
+  return first[axis] + (ray[axis] < 0 ? 1 : 0);
+}
+
 }  // namespace
 
 Rendering render(const Scene& scene, const std::vector<Instance>& instances, const Camera& camera,
                  const RigidTransform& T_world_camera) {
-  DepthBuffer buffer(camera);
-  const RigidTransform T_camera_world = T_world_camera.inverse();
-  for (const Instance& instance : instances) {
-    const Eigen::Isometry3f T_camera_mesh = (T_camera_world * instance.T_world_mesh).cast<float>();
-    const Vector3f sun = (T_camera_world.linear() * scene.sun()).cast<float>();
-    for (const Triangle& triangle : instance.mesh->triangles) {
-      const FacingTriangle facing(triangle, T_camera_mesh);
-      if (facing.faces_origin()) buffer.draw(triangle, facing, sun);
-    }
-  }
-
-  Rendering result{camera.width(), camera.height(), {}, {}};
-  result.brightness.resize(camera.width() * camera.height());
-  result.depth_m.assign(result.brightness.size(), std::numeric_limits<float>::infinity());
-  const Eigen::Matrix3f R_world_camera = T_world_camera.linear().cast<float>();
+  const View view(scene, instances, camera, T_world_camera);
+  Rendering result = empty_rendering(camera.width(), camera.height());
   for (int y = 0; y < camera.height(); ++y)
     for (int x = 0; x < camera.width(); ++x) {
       const int index = y * camera.width() + x;
-      if (const Face* face = buffer.face_at(index)) {
-        result.brightness[index] =
-            shade(scene.noise(), *face, static_cast<float>(x), static_cast<float>(y), result.depth_m[index]);
-      } else {
-        const Vector3f ray(
-            (static_cast<float>(x) - static_cast<float>(camera.cx())) / static_cast<float>(camera.fx()),
-            (static_cast<float>(y) - static_cast<float>(camera.cy())) / static_cast<float>(camera.fy()), 1);
-        result.brightness[index] = sky(scene.noise(), R_world_camera * ray.normalized());
+      const auto sample = view.at(static_cast<float>(x), static_cast<float>(y));
+      result.brightness[index] = sample.brightness;
+      result.depth_m[index] = sample.depth_m;
+    }
+  return result;
+}
+
+WideRenderer::WideRenderer(const Camera& camera) : width_(camera.width()), height_(camera.height()) {
+  rays_.reserve(static_cast<std::size_t>(width_) * height_);
+  for (int y = 0; y < height_; ++y)
+    for (int x = 0; x < width_; ++x)
+      rays_.push_back(camera.unproject(Eigen::Vector2d(x, y)).value_or(Eigen::Vector3d::Zero()).cast<float>());
+
+  float smallest_step = 1;
+  across_pixel_.assign(rays_.size(), {Vector3f::Zero(), Vector3f::Zero()});
+  for (int y = 0; y < height_; ++y)
+    for (int x = 0; x < width_; ++x) {
+      const int index = y * width_ + x;
+      const auto change = [&](int other) -> Vector3f {
+        if (rays_[index].isZero() || rays_[other].isZero()) return Vector3f::Zero();
+        smallest_step = std::min(smallest_step, (rays_[other] - rays_[index]).norm());
+        return rays_[other] - rays_[index];
+      };
+      if (x + 1 < width_) across_pixel_[index][0] = change(index + 1);
+      if (y + 1 < height_) across_pixel_[index][1] = change(index + width_);
+    }
+  // Twice as fine as the image where it is finest: a cube of edge 2 at distance 1 has size / 2 pixels a radian.
+  face_size_ = std::clamp(static_cast<int>(4 / smallest_step), 64, 4096);
+}
+
+Rendering WideRenderer::render(const Scene& scene, const std::vector<Instance>& instances,
+                               const RigidTransform& T_world_camera) const {
+  Rendering result = empty_rendering(width_, height_);
+  const double half = 0.5 * face_size_;
+  const Camera camera =
+      Camera::make(CameraModel::rectified, face_size_, face_size_, {half, half, half - 0.5, half - 0.5}).value();
+  for (int face = 0; face < 6; ++face) {
+    const Eigen::Matrix3f R_camera_face = face_axes(face);
+    std::optional<View> view;  // not drawn where the lens does not look
+    const auto sample = [&](const Vector3f& ray) {
+      if (!view) {
+        RigidTransform T_world_face = T_world_camera;
+        T_world_face.linear() = T_world_camera.linear() * R_camera_face.cast<double>();
+        view.emplace(scene, instances, camera, T_world_face);
+      }
+      const Vector3f p = R_camera_face.transpose() * ray;
+      const float size = static_cast<float>(half);
+      return view->at(size * p.x() / p.z() + size - 0.5f, size * p.y() / p.z() + size - 0.5f);
+    };
+    for (std::size_t i = 0; i < rays_.size(); ++i) {
+      const Vector3f& centre = rays_[i];
+      if (centre.isZero()) continue;
+      if (face_of(centre) == face) {
+        const float along_axis = centre.dot(R_camera_face.col(2));
+        result.depth_m[i] = sample(centre).depth_m / along_axis;
+      }
+      for (const auto& [right, down] : {std::pair{-0.25f, -0.25f}, {0.25f, -0.25f}, {-0.25f, 0.25f}, {0.25f, 0.25f}}) {
+        const Vector3f ray = centre + right * across_pixel_[i][0] + down * across_pixel_[i][1];
+        if (face_of(ray) == face) result.brightness[i] += 0.25f * sample(ray).brightness;
       }
     }
+  }
   return result;
 }
 

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <functional>
+#include <optional>
+#include <vector>
 
 #include "calib/camera.hpp"
 #include "calib/frame.hpp"
@@ -10,19 +12,25 @@
 
 namespace calib::vehicle {
 
-/// A vehicle with a stereo camera and a LiDAR, simulated or recorded.
+/// What the sensors see at one moment, and for a simulated camera of any model the truth.
+struct SeenFrame : FramePair {
+  std::vector<float> range_m = {};  // along the ray of every pixel of `image`, infinite in the sky; else empty
+};
+
+/// A vehicle with a camera and a LiDAR, simulated or recorded.
 struct Vehicle {
-  Camera camera;  // of both images
-  double baseline_m = 0;
+  Camera camera;          // of both images
+  double baseline_m = 0;  // 0: no right camera
   RigidTransform T_camera_lidar;  // before the LiDAR moves
   /// What the sensors see in frame `index`, `t_s` after the start, by a LiDAR that has moved by `motion` in
   /// its own frame. Stamps are not set.
-  std::function<Result<FramePair>(std::size_t index, double t_s, const RigidTransform& motion)> frame;
+  std::function<Result<SeenFrame>(std::size_t index, double t_s, const RigidTransform& motion)> frame;
 };
 
 struct Simulation {
   std::uint64_t seed = 1;
   int width = 960, height = 288;
+  std::optional<Camera> camera;  // of any model, instead of the rectified stereo camera of that size
   bool dark = false;  // night without lights: the cameras see next to nothing, the LiDAR as much as ever
   LidarModel lidar;
 };
