@@ -25,14 +25,6 @@ View view_of(const Camera& camera, const RigidTransform& T_camera_lidar, const L
   return view;
 }
 
-/// `T` with its quaternion's numbers taken as (w, x, y, z) where they were read as (x, y, z, w).
-RigidTransform with_w_first(const RigidTransform& T) {
-  const auto [first, second, third, fourth] = quaternion_xyzw(T);
-  RigidTransform result = T;
-  result.linear() = Eigen::Quaterniond(first, second, third, fourth).toRotationMatrix();
-  return result;
-}
-
 }  // namespace
 
 Result<void> check_extrinsic(const Camera& camera, const RigidTransform& T_camera_lidar, const LidarScan& scan) {
@@ -45,8 +37,7 @@ Result<void> check_extrinsic(const Camera& camera, const RigidTransform& T_camer
       Reading{T_optical_body * T, "its camera frame looks like the body frame (x forward, y left, z up) instead of the "
                                   "optical frame (x right, y down, z forward)"},
       Reading{T_optical_body * T.inverse(), "it looks like the inverse, T_lidar_camera, with the camera's body frame (x "
-                                            "forward, y left, z up) instead of the optical frame"},
-      Reading{with_w_first(T), "its quaternion looks like w, x, y, z instead of x, y, z, w"}};
+                                            "forward, y left, z up) instead of the optical frame"}};
 
   const View given = view_of(camera, T, scan);
   const bool sees_nothing = given.points * 200 < scan.points.size();

@@ -1,6 +1,7 @@
 #include <yaml-cpp/yaml.h>
 
 #include <Eigen/LU>
+#include <algorithm>
 #include <initializer_list>
 #include <set>
 
@@ -97,6 +98,7 @@ Result<Recording> read_list(const YAML::Node& root, const fs::path& folder) {
              {"camera", "baseline_m", "T_camera_lidar", "frames", "images", "right_images", "clouds"});
   for (const char* key : {"camera", "T_camera_lidar"})
     if (!root[key]) throw Malformed{root.Mark(), std::string(key) + " is missing"};
+  if (!root["frames"] && !root["images"]) throw Malformed{root.Mark(), "frames (or images and clouds) are missing"};
   auto camera = read_camera(root["camera"]);
   if (!camera) return tl::unexpected(camera.error());
   const auto T_camera_lidar = read_transform(root["T_camera_lidar"]);
@@ -113,8 +115,8 @@ Result<Recording> read_list(const YAML::Node& root, const fs::path& folder) {
     return Recording(*std::move(camera), *T_camera_lidar, baseline_m, read_frames(root["frames"], folder));
   }
   const auto path = [&](const char* key) { return folder / value<std::string>(root, key, "a folder"); };
-  auto frames = frames_by_name(path("images"), root["right_images"] ? std::optional(path("right_images")) : std::nullopt,
-                               path("clouds"));
+  const fs::path images = path("images"), clouds = path("clouds");
+  auto frames = frames_by_name(images, root["right_images"] ? std::optional(path("right_images")) : std::nullopt, clouds);
   if (!frames) return tl::unexpected(frames.error());
   return Recording(*std::move(camera), *T_camera_lidar, baseline_m, *std::move(frames));
 }

@@ -1,0 +1,133 @@
+#include "dataset/cloud_file.hpp"
+
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <limits>
+
+#include "support/catch.hpp"
+#include "support/support.hpp"
+
+using namespace calib;
+namespace fs = std::filesystem;
+
+namespace {
+
+/// A file of the given name with the given bytes, in a folder of its own.
+class CloudFile {
+ public:
+  CloudFile(const char* name, const std::string& bytes) : path_(folder_.path() / name) {
+    std::ofstream(path_, std::ios::binary) << bytes;
+  }
+  [[nodiscard]] Result<LidarScan> read() const { return read_cloud(path_); }
+
+ private:
+  test::TemporaryFolder folder_;
+  fs::path path_;
+};
+
+template <typename... T>
+std::string bytes_of(T... values) {
+  std::string bytes;
+  const auto append = [&bytes](auto value) {
+    char raw[sizeof value];
+    std::memcpy(raw, &value, sizeof value);
+    bytes.append(raw, sizeof value);
+  };
+  (append(values), ...);
+  return bytes;
+}
+
+std::string header(const std::string& data, int points,
+                   const std::string& fields = "FIELDS x y z intensity\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 1 1 1 1\n") {
+  return "# .PCD v0.7\nVERSION 0.7\n" + fields + "WIDTH " + std::to_string(points) +
+         "\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS " + std::to_string(points) + "\nDATA " + data + "\n";
+}
+
+constexpr float not_a_number = std::numeric_limits<float>::quiet_NaN();
+
+}  // namespace
+
+TEST_CASE("a .bin holds points of four floats; those that are no return are left out") {
+  const auto scan = CloudFile("a.bin", bytes_of(1.f, 2.f, 3.f, 0.5f, not_a_number, 0.f, 0.f, 0.f, 0.f, 0.f, 0.f, 0.3f, 600.f, 0.f, 0.f,
+                                           0.f, 4.f, 5.f, 6.f, not_a_number))
+                        .read();
+  REQUIRE(scan);
+  REQUIRE(scan->points.size() == 2);
+  CHECK(scan->points[0].z_m == 3);
+  CHECK(scan->points[0].reflectance == 0.5f);
+  CHECK(scan->points[1].x_m == 4);
+  CHECK(scan->points[1].reflectance == 0);
+}
+
+TEST_CASE("an ASCII .pcd is read by the names of its fields") {
+  const auto scan = CloudFile("a.pcd", header("ascii", 3, "FIELDS intensity z normal y x\nSIZE 4 4 4 4 4\nTYPE F F F F F\nCOUNT 1 "
+                                                     "1 2 1 1\n") +
+                                      "0.5 3 9 9 2 1\r\n0 nan 9 9 nan nan\n7e1 -6 9 9 5.5 4\n")
+                        .read();
+  REQUIRE(scan);
+  REQUIRE(scan->points.size() == 2);
+  CHECK(scan->points[0].x_m == 1);
+  CHECK(scan->points[0].y_m == 2);
+  CHECK(scan->points[0].z_m == 3);
+  CHECK(scan->points[0].reflectance == 0.5f);
+  CHECK(scan->points[1].y_m == 5.5f);
+  CHECK(scan->points[1].z_m == -6);
+  CHECK(scan->points[1].reflectance == 70);
+}
+
+TEST_CASE("a binary .pcd is read whatever types its fields have") {
+  const auto plain = CloudFile("a.pcd", header("binary", 2) + bytes_of(1.f, 2.f, 3.f, 0.5f, 4.f, 5.f, 6.f, 0.25f)).read();
+  REQUIRE(plain);
+  REQUIRE(plain->points.size() == 2);
+  CHECK(plain->points[1].x_m == 4);
+  CHECK(plain->points[1].reflectance == 0.25f);
+
+  const auto mixed = CloudFile("a.pcd", header("binary", 2, "FIELDS t x y z reflectivity\nSIZE 8 8 8 8 2\nTYPE F F F F U\n") +
+                                       bytes_of(0.1, 1., 2., 3.) + bytes_of(std::uint16_t{60000}) +
+                                       bytes_of(0.2, 4., 5., 6.) + bytes_of(std::uint16_t{7}))
+                         .read();
+  REQUIRE(mixed);
+  REQUIRE(mixed->points.size() == 2);
+  CHECK(mixed->points[0].y_m == 2);
+  CHECK(mixed->points[0].reflectance == 60000);
+  CHECK(mixed->points[1].z_m == 6);
+
+  const auto bare = CloudFile("a.pcd", header("binary", 1, "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\n") + bytes_of(1.f, 2.f, 3.f)).read();
+  REQUIRE(bare);
+  CHECK(bare->points.at(0).reflectance == 0);
+}
+
+TEST_CASE("a cloud that cannot be read says why") {
+  struct Case {
+    const char *name, *part;
+    std::string bytes;
+  };
+  for (const auto& [name, part, bytes] :
+       {Case{"a.bin", "whole points", "12345"}, Case{"a.las", "neither .bin nor .pcd", "LASF"},
+        Case{"a.pcd", "no whole PCD header", "something else"},
+        Case{"a.pcd", "no fields x, y and z", header("ascii", 1, "FIELDS x y\nSIZE 4 4\nTYPE F F\n") + "1 2\n"},
+        Case{"a.pcd", "impossible size", header("binary", 1, "FIELDS x y z\nSIZE 4 99 4\nTYPE F F F\n") + "xxxx"},
+        Case{"a.pcd", "x of an unknown type", header("binary", 1, "FIELDS x y z\nSIZE 3 4 4\nTYPE F F F\n") + "xxxx"},
+        Case{"a.pcd", "x of an unknown type",
+             header("binary", 1, "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 0 0 0\n") + "xxxx"},
+        Case{"a.pcd", "ends before its last point", header("binary", 2) + bytes_of(1.f, 2.f, 3.f, 0.5f)},
+        Case{"a.pcd", "ends before its last point", header("binary", 2'000'000'000)},
+        Case{"a.pcd", "ends before its last point", header("ascii", 2) + "1 2 3 4\n"},
+        Case{"a.pcd", "no point: 1 2", header("ascii", 1) + "1 2\n"},
+        Case{"a.pcd", "pcl_convert_pcd_ascii_binary", header("binary_compressed", 1) + "xxxxxxxxxxxx"}}) {
+    INFO(part);
+    const auto scan = CloudFile(name, bytes).read();
+    REQUIRE_FALSE(scan);
+    INFO(scan.error().context);
+    CHECK(scan.error().code == "cloud_unreadable");
+    CHECK(scan.error().context.find(part) != std::string::npos);
+  }
+  CHECK(read_cloud("no/such.bin").error().code == "cloud_unreadable");
+}
+
+TEST_CASE("a cloud without a point is empty") {
+  CHECK(CloudFile("a.bin", "").read().error().code == "cloud_empty");
+  CHECK(CloudFile("a.pcd", header("ascii", 0)).read().error().code == "cloud_empty");
+  CHECK(CloudFile("a.pcd", header("ascii", 1) + "0 0 0 1\n").read().error().code == "cloud_empty");
+}
