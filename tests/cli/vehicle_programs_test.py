@@ -180,6 +180,43 @@ def test_a_dumped_drive_is_the_same_every_time_and_a_knock_changes_its_clouds_on
         assert changed == (file.suffix == ".bin" and file.stem != "0000000000")
 
 
+@pytest.mark.parametrize(
+    "camera, size",
+    [("fisheye-double-sphere", "160x160"), ("equidistant:60,60,79.5,59.5,0.01,0,0,0", "160x120")],
+)
+def test_a_camera_of_any_model_is_dumped_with_its_true_depth(tmp_path, camera, size):
+    lens = ["--camera", camera, "--size", size]
+    done = run("calib-sim", "--lidar-step-deg", 2, "--dump", tmp_path / "out", "--frames", 2, *lens)
+    assert done.returncode == 0, done.stderr
+    dump = events(done.stdout)[-1]
+    assert dump["event"] == "dump"
+    recording = Path(dump["recording"]).read_text()
+    model = camera.split(":")[0].removeprefix("fisheye-").replace("-", "_")
+    assert f"model: {model}, size: [{size.replace('x', ', ')}]" in recording
+    truth = events(done.stdout)[0]["T_camera_lidar"]["translation_m"]
+    written = json.loads("[" + recording.split("translation_m: [")[1].split("]")[0] + "]")
+    assert written == pytest.approx(truth)
+    names = ["000000", "000001"]
+    assert sorted(path.stem for path in (tmp_path / "out/clouds").iterdir()) == names
+    for folder in (tmp_path / "out/images", Path(dump["depth"])):
+        assert sorted(path.stem for path in folder.iterdir()) == names
+        assert all("x".join(map(str, png_size(path))) == size for path in folder.iterdir())
+
+
+@pytest.mark.parametrize(
+    "arguments, complaint",
+    [
+        (["--camera", "fisheye-double-sphere"], "--dump"),
+        (["--size", "100x100"], "--camera"),
+        (["--camera", "no-such-lens", "--dump", "/dev/null/x", "--frames", "1"], "no-such-lens"),
+        (["--camera", "eucm:1,2,3", "--size", "64x64", "--dump", "/dev/null/x", "--frames", "1"], "MODEL:fx"),
+    ],
+)
+def test_a_camera_that_is_not_one_is_a_usage_error(arguments, complaint):
+    done = run("calib-sim", *arguments)
+    assert done.returncode == 2 and complaint in done.stderr and done.stdout == ""
+
+
 def test_replay_ends_after_the_last_frame_unless_it_loops(drive):
     once = run("calib-replay", drive, "--domain", DOMAIN, "--fast", "--frames", 10)
     assert events(once.stdout)[-1]["frame"] == 3

@@ -49,8 +49,8 @@ constexpr float not_a_number = std::numeric_limits<float>::quiet_NaN();
 }  // namespace
 
 TEST_CASE("a .bin holds points of four floats; those that are no return are left out") {
-  const auto scan = CloudFile("a.bin", bytes_of(1.f, 2.f, 3.f, 0.5f, not_a_number, 0.f, 0.f, 0.f, 0.f, 0.f, 0.f, 0.3f, 600.f, 0.f, 0.f,
-                                           0.f, 4.f, 5.f, 6.f, not_a_number))
+  const auto scan = CloudFile("a.bin", bytes_of(1.f, 2.f, 3.f, 0.5f, not_a_number, 0.f, 0.f, 0.f, 0.f, 0.f, 0.f, 0.3f,
+                                                600.f, 0.f, 0.f, 0.f, 4.f, 5.f, 6.f, not_a_number))
                         .read();
   REQUIRE(scan);
   REQUIRE(scan->points.size() == 2);
@@ -61,9 +61,10 @@ TEST_CASE("a .bin holds points of four floats; those that are no return are left
 }
 
 TEST_CASE("an ASCII .pcd is read by the names of its fields") {
-  const auto scan = CloudFile("a.pcd", header("ascii", 3, "FIELDS intensity z normal y x\nSIZE 4 4 4 4 4\nTYPE F F F F F\nCOUNT 1 "
-                                                     "1 2 1 1\n") +
-                                      "0.5 3 9 9 2 1\r\n0 nan 9 9 nan nan\n7e1 -6 9 9 5.5 4\n")
+  const auto scan = CloudFile("a.pcd", header("ascii", 3,
+                                              "FIELDS intensity z normal y x\nSIZE 4 4 4 4 4\nTYPE F F F F F\nCOUNT 1 "
+                                              "1 2 1 1\n") +
+                                           "0.5 3 9 9 2 1\r\n0 nan 9 9 nan nan\n7e1 -6 9 9 5.5 4\n")
                         .read();
   REQUIRE(scan);
   REQUIRE(scan->points.size() == 2);
@@ -77,23 +78,27 @@ TEST_CASE("an ASCII .pcd is read by the names of its fields") {
 }
 
 TEST_CASE("a binary .pcd is read whatever types its fields have") {
-  const auto plain = CloudFile("a.pcd", header("binary", 2) + bytes_of(1.f, 2.f, 3.f, 0.5f, 4.f, 5.f, 6.f, 0.25f)).read();
+  const auto plain =
+      CloudFile("a.pcd", header("binary", 2) + bytes_of(1.f, 2.f, 3.f, 0.5f, 4.f, 5.f, 6.f, 0.25f)).read();
   REQUIRE(plain);
   REQUIRE(plain->points.size() == 2);
   CHECK(plain->points[1].x_m == 4);
   CHECK(plain->points[1].reflectance == 0.25f);
 
-  const auto mixed = CloudFile("a.pcd", header("binary", 2, "FIELDS t x y z reflectivity\nSIZE 8 8 8 8 2\nTYPE F F F F U\n") +
-                                       bytes_of(0.1, 1., 2., 3.) + bytes_of(std::uint16_t{60000}) +
-                                       bytes_of(0.2, 4., 5., 6.) + bytes_of(std::uint16_t{7}))
-                         .read();
+  const auto mixed =
+      CloudFile("a.pcd", header("binary", 2, "FIELDS t x y z reflectivity\nSIZE 8 8 8 8 2\nTYPE F F F F U\n") +
+                             bytes_of(0.1, 1., 2., 3.) + bytes_of(std::uint16_t{60000}) + bytes_of(0.2, 4., 5., 6.) +
+                             bytes_of(std::uint16_t{7}))
+          .read();
   REQUIRE(mixed);
   REQUIRE(mixed->points.size() == 2);
   CHECK(mixed->points[0].y_m == 2);
   CHECK(mixed->points[0].reflectance == 60000);
   CHECK(mixed->points[1].z_m == 6);
 
-  const auto bare = CloudFile("a.pcd", header("binary", 1, "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\n") + bytes_of(1.f, 2.f, 3.f)).read();
+  const auto bare =
+      CloudFile("a.pcd", header("binary", 1, "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\n") + bytes_of(1.f, 2.f, 3.f))
+          .read();
   REQUIRE(bare);
   CHECK(bare->points.at(0).reflectance == 0);
 }

@@ -1,5 +1,6 @@
 #include <fstream>
 
+#include "dataset/extrinsic_check.hpp"
 #include "dataset/kitti_raw_writer.hpp"
 #include "dataset/recording.hpp"
 #include "support/catch.hpp"
@@ -176,5 +177,9 @@ TEST_CASE("a recorded drive's extrinsic puts most of the points ahead into the i
     }
     REQUIRE(ahead > 1000);
     CHECK(seen > 0.9 * ahead);
+    CHECK(check_extrinsic(drive->camera(), drive->T_camera_lidar(), frame->scan));
+    const auto inverse = check_extrinsic(drive->camera(), drive->T_camera_lidar().inverse(), frame->scan);
+    REQUIRE_FALSE(inverse);
+    CHECK(inverse.error().context.find("looks like the inverse") != std::string::npos);
   }
 }

@@ -124,8 +124,10 @@ TEST_CASE("KITTI-360: what is missing or broken is named") {
   const Kitti360 data;
   CHECK(open_kitti_360(data.root, "drive", "image_05").error().code == "recording_not_found");
   CHECK(open_kitti_360(data.root, "no_drive").error().code == "recording_not_found");
-  for (const auto& [file, camera] : {std::pair{"perspective.txt", "image_01"}, {"image_02.yaml", "image_02"},
-                                     {"calib_cam_to_pose.txt", "image_02"}, {"calib_cam_to_velo.txt", "image_00"}}) {
+  for (const auto& [file, camera] : {std::pair{"perspective.txt", "image_01"},
+                                     {"image_02.yaml", "image_02"},
+                                     {"calib_cam_to_pose.txt", "image_02"},
+                                     {"calib_cam_to_velo.txt", "image_00"}}) {
     INFO(file);
     write_file(data.calibration / file, "%YAML:1.0\n---\nxi: 1\n");
     const auto broken = open_kitti_360(data.root, "drive", camera);
@@ -165,9 +167,10 @@ TEST_CASE("a list names folders whose files go together by name") {
     write_frame(folder.path() / "images" / (std::to_string(i) + ".png"),
                 folder.path() / "clouds" / (std::to_string(i) + ".bin"), i);
   fs::remove(folder.path() / "clouds/1.bin");
-  write_file(folder.path() / "list.yaml",
-             "camera: {model: rectified, size: [32, 16], intrinsics: [20, 21, 15.5, 7.25]}\nT_camera_lidar:\n  matrix:\n"
-             "    - [0, -1, 0, 0.1]\n    - [0, 0, -1, 0.2]\n    - [1, 0, 0, 0.3]\nimages: images\nclouds: clouds\n");
+  write_file(
+      folder.path() / "list.yaml",
+      "camera: {model: rectified, size: [32, 16], intrinsics: [20, 21, 15.5, 7.25]}\nT_camera_lidar:\n  matrix:\n"
+      "    - [0, -1, 0, 0.1]\n    - [0, 0, -1, 0.2]\n    - [1, 0, 0, 0.3]\nimages: images\nclouds: clouds\n");
   const auto recording = test::require_ok(open_list(folder.path() / "list.yaml"));
   REQUIRE(recording.size() == 2);
   CHECK(recording.frame_name(1) == "2");
@@ -202,7 +205,8 @@ TEST_CASE("a list that is wrong says where and what") {
     const char *code, *part;
   };
   for (const auto& [text, code, part] : {
-           Case{head + frame + "intrinsics: 3\n", "calibration_malformed", "list.yaml:4: a recording has no key 'intrinsics'"},
+           Case{head + frame + "intrinsics: 3\n", "calibration_malformed",
+                "list.yaml:4: a recording has no key 'intrinsics'"},
            Case{head, "calibration_malformed", "frames (or images and clouds) are missing"},
            Case{head + "images: images\n", "calibration_malformed", "clouds is missing"},
            Case{head + "frames: [{image: a.png}]\n", "calibration_malformed", "cloud is missing"},
@@ -221,7 +225,8 @@ TEST_CASE("a list that is wrong says where and what") {
            Case{"camera: {model: rectified, size: [32], intrinsics: [20, 20, 3, 4]}\nT_camera_lidar: {}\n" + frame,
                 "calibration_malformed", "size is not [width, height]"},
            Case{"camera: {model: rectified, size: [32, 16], intrinsics: [20, 20, 3, 4]}\nT_camera_lidar: {matrix: "
-                "[[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}\n" + frame,
+                "[[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}\n" +
+                    frame,
                 "bad_transform", "not a rotation"},
        }) {
     INFO(text);
@@ -237,7 +242,8 @@ TEST_CASE("a list that is wrong says where and what") {
 
 TEST_CASE("a written list reads back as it was") {
   const test::TemporaryFolder folder;
-  const auto camera = test::require_ok(Camera::make(CameraModel::double_sphere, 32, 16, {10.1, 10.2, 15, 8}, {-0.2, 0.6}));
+  const auto camera =
+      test::require_ok(Camera::make(CameraModel::double_sphere, 32, 16, {10.1, 10.2, 15, 8}, {-0.2, 0.6}));
   const RigidTransform T_camera_lidar = motion(0.3, 1.2, -0.7, 0.1, -0.2, 0.3);
   auto writer = test::require_ok(ListWriter::create(folder.path() / "out", camera, T_camera_lidar));
   const LidarScan scan{{}, {{1, 2, 3, 0.25f}, {4, 5, 6, 1}}};

@@ -125,9 +125,13 @@ TEST_CASE("a camera is asked for by name or by its numbers") {
   CHECK(own.model() == CameraModel::eucm);
   CHECK(own.fy() == 201);
   CHECK(own.distortion() == std::vector<double>{0.6, 1.1});
-  for (const auto& [text, size] :
-       {std::pair{"eucm:200,201,320,240,0.6,1.1", ""}, {"eucm:200,201,320", "640x480"}, {"eucm:a,b,c,d", "640x480"},
-        {"wide:1,2,3,4", "640x480"}, {"some-lens", ""}, {"kitti-360-fisheye", "700"}, {"kitti-360-fisheye", "0x0"}}) {
+  for (const auto& [text, size] : {std::pair{"eucm:200,201,320,240,0.6,1.1", ""},
+                                   {"eucm:200,201,320", "640x480"},
+                                   {"eucm:a,b,c,d", "640x480"},
+                                   {"wide:1,2,3,4", "640x480"},
+                                   {"some-lens", ""},
+                                   {"kitti-360-fisheye", "700"},
+                                   {"kitti-360-fisheye", "0x0"}}) {
     INFO(text << " " << size);
     CHECK(parse_camera(text, size).error().code == "bad_camera");
   }

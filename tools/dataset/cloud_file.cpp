@@ -113,7 +113,8 @@ Result<PcdHeader> read_pcd_header(std::istream& in, const fs::path& path) {
     if (!wanted) continue;
     const bool known = field.type == 'F' ? bytes == 4 || bytes == 8
                                          : (field.type == 'I' || field.type == 'U') && bytes <= 4 && bytes != 3;
-    if (!known || count != 1) return unreadable(path, "has a field " + escape_control(names[i]) + " of an unknown type");
+    if (!known || count != 1)
+      return unreadable(path, "has a field " + escape_control(names[i]) + " of an unknown type");
     *wanted = field;
   }
   if (!header.x || !header.y || !header.z) return unreadable(path, "has no fields x, y and z");

@@ -53,8 +53,9 @@ Result<cv::Mat> read_npy(const fs::path& path) {
   }
   if (!after(header, "'descr'").starts_with("'<f4'") || !after(header, "'fortran_order'").starts_with("False") ||
       rows < 1 || columns < 1 || rows > 65536 || columns > 65536)
-    return unreadable(path, "is not a two-dimensional array of little-endian float32 in C order; "
-                            "save it with numpy.ascontiguousarray(depth, '<f4')");
+    return unreadable(path,
+                      "is not a two-dimensional array of little-endian float32 in C order; "
+                      "save it with numpy.ascontiguousarray(depth, '<f4')");
   cv::Mat values(rows, columns, CV_32FC1);
   const std::size_t size = values.total() * sizeof(float);
   if (bytes.size() - start - length != size) return unreadable(path, "does not hold as many values as its shape says");
@@ -113,16 +114,16 @@ Result<DepthKind> parse_depth_kind(std::string_view name) {
   if (name == "inverse") return DepthKind::inverse;
   if (name == "depth") return DepthKind::depth;
   if (name == "range") return DepthKind::range;
-  return fail("unknown_depth_kind", "depth kind '" + escape_control(name) +
-                                        "' is not known; use disparity, inverse, depth or range");
+  return fail("unknown_depth_kind",
+              "depth kind '" + escape_control(name) + "' is not known; use disparity, inverse, depth or range");
 }
 
 Result<DepthMap> read_depth(const DepthFolder& depth, const std::string& frame_name, const Camera& camera,
                             std::optional<double> baseline_m) {
   const auto path = find_file(depth.folder, frame_name);
   if (!path)
-    return fail("depth_missing", depth.folder.string() + " has no depth of frame " + frame_name +
-                                     " (.png, .npy, .tif, .tiff or .pfm)");
+    return fail("depth_missing",
+                depth.folder.string() + " has no depth of frame " + frame_name + " (.png, .npy, .tif, .tiff or .pfm)");
   auto stored = read_stored(*path);
   if (!stored) return tl::unexpected(stored.error());
   cv::Mat& values = stored->values;

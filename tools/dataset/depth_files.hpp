@@ -36,8 +36,8 @@ struct DepthFolder {
 /// The depth of one frame as an inverse depth of the image's size; another size of the same aspect is resized to it
 /// (nearest neighbour: between an edge's two sides there is no depth). `baseline_m` matters for `disparity` only.
 /// Fails with `depth_missing`, `depth_unreadable` (also another aspect) or `depth_empty` (no valid value).
-[[nodiscard]] Result<DepthMap> read_depth(const DepthFolder& depth, const std::string& frame_name,
-                                          const Camera& camera, std::optional<double> baseline_m);
+[[nodiscard]] Result<DepthMap> read_depth(const DepthFolder& depth, const std::string& frame_name, const Camera& camera,
+                                          std::optional<double> baseline_m);
 
 /// Multiplies every depth by 1 + f(u, v), as a biased depth network would: f is a random polynomial of degree 1 .. 3
 /// over the image with max |f| = `amplitude`, 0 <= amplitude < 1. The same seed gives the same field.

@@ -34,10 +34,12 @@ Result<void> check_extrinsic(const Camera& camera, const RigidTransform& T_camer
   // In the order in which they are believed when they see about the same.
   const std::array readings{
       Reading{T.inverse(), "it looks like the inverse, T_lidar_camera"},
-      Reading{T_optical_body * T, "its camera frame looks like the body frame (x forward, y left, z up) instead of the "
-                                  "optical frame (x right, y down, z forward)"},
-      Reading{T_optical_body * T.inverse(), "it looks like the inverse, T_lidar_camera, with the camera's body frame (x "
-                                            "forward, y left, z up) instead of the optical frame"}};
+      Reading{T_optical_body * T,
+              "its camera frame looks like the body frame (x forward, y left, z up) instead of the "
+              "optical frame (x right, y down, z forward)"},
+      Reading{T_optical_body * T.inverse(),
+              "it looks like the inverse, T_lidar_camera, with the camera's body frame (x "
+              "forward, y left, z up) instead of the optical frame"}};
 
   const View given = view_of(camera, T, scan);
   const bool sees_nothing = given.points * 200 < scan.points.size();
@@ -46,17 +48,16 @@ Result<void> check_extrinsic(const Camera& camera, const RigidTransform& T_camer
   std::size_t most = 0;
   for (const Reading& reading : readings) {
     const View view = view_of(camera, reading.T_camera_lidar, scan);
-    if (!view.upright || view.points * 200 < scan.points.size() || 5 * view.points < 6 * most)
-      continue;
+    if (!view.upright || view.points * 200 < scan.points.size() || 5 * view.points < 6 * most) continue;
     best = &reading, most = view.points;
   }
   // With a wide lens a wrong direction may see a few points more.
   const bool another_fits = best && 10 * most > 7 * given.points;
   if (!sees_nothing && !another_fits) return {};
-  return fail("extrinsic_implausible",
-              "T_camera_lidar puts " + std::to_string(given.points) + " of " + std::to_string(scan.points.size()) +
-                  " points into the image" + (given.upright ? "" : " and the camera on its side") +
-                  (another_fits ? ": " + std::string(best->name) : ""));
+  return fail("extrinsic_implausible", "T_camera_lidar puts " + std::to_string(given.points) + " of " +
+                                           std::to_string(scan.points.size()) + " points into the image" +
+                                           (given.upright ? "" : " and the camera on its side") +
+                                           (another_fits ? ": " + std::string(best->name) : ""));
 }
 
 }  // namespace calib

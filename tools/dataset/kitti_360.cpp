@@ -19,14 +19,15 @@ Result<Camera> read_fisheye(const fs::path& path) {
     const cv::FileStorage file(path.string(), cv::FileStorage::READ);
     const cv::FileNode mirror = file["mirror_parameters"], distortion = file["distortion_parameters"],
                        projection = file["projection_parameters"];
-    const std::array nodes{file["image_width"],  file["image_height"], projection["gamma1"], projection["gamma2"],
-                           projection["u0"],     projection["v0"],     mirror["xi"],         distortion["k1"],
-                           distortion["k2"],     distortion["p1"],     distortion["p2"]};
+    const std::array nodes{file["image_width"], file["image_height"], projection["gamma1"], projection["gamma2"],
+                           projection["u0"],    projection["v0"],     mirror["xi"],         distortion["k1"],
+                           distortion["k2"],    distortion["p1"],     distortion["p2"]};
     for (std::size_t i = 0; i < nodes.size(); ++i) {
       if (!nodes[i].isReal() && !nodes[i].isInt())
         return fail("calibration_malformed",
-                    path.string() + " lacks one of image_width, image_height, mirror_parameters xi, "
-                                    "distortion_parameters k1 k2 p1 p2, projection_parameters gamma1 gamma2 u0 v0");
+                    path.string() +
+                        " lacks one of image_width, image_height, mirror_parameters xi, "
+                        "distortion_parameters k1 k2 p1 p2, projection_parameters gamma1 gamma2 u0 v0");
       values[i] = nodes[i].real();
     }
   } catch (const cv::Exception&) {

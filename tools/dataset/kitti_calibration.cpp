@@ -9,9 +9,7 @@ namespace calib {
 namespace {
 
 /// P = K [I | t]: x = K (p + t).
-Eigen::Vector3d translation_of(const Eigen::Matrix<double, 3, 4>& P) {
-  return P.leftCols<3>().inverse() * P.col(3);
-}
+Eigen::Vector3d translation_of(const Eigen::Matrix<double, 3, 4>& P) { return P.leftCols<3>().inverse() * P.col(3); }
 
 /// Within what six written digits allow.
 bool is_rotation(const Eigen::Matrix3d& matrix) {

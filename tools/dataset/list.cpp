@@ -51,8 +51,8 @@ Result<Camera> read_camera(const YAML::Node& node) {
   if (size.size() != 2) throw Malformed{node["size"].Mark(), "size is not [width, height]"};
   std::vector<double> distortion;
   if (node["distortion"]) distortion = value<std::vector<double>>(node, "distortion", "a list of numbers");
-  return Camera::make(*model, size[0], size[1],
-                      value<std::vector<double>>(node, "intrinsics", "[fx, fy, cx, cy]"), distortion);
+  return Camera::make(*model, size[0], size[1], value<std::vector<double>>(node, "intrinsics", "[fx, fy, cx, cy]"),
+                      distortion);
 }
 
 Result<RigidTransform> read_transform(const YAML::Node& node) {
@@ -116,7 +116,8 @@ Result<Recording> read_list(const YAML::Node& root, const fs::path& folder) {
   }
   const auto path = [&](const char* key) { return folder / value<std::string>(root, key, "a folder"); };
   const fs::path images = path("images"), clouds = path("clouds");
-  auto frames = frames_by_name(images, root["right_images"] ? std::optional(path("right_images")) : std::nullopt, clouds);
+  auto frames =
+      frames_by_name(images, root["right_images"] ? std::optional(path("right_images")) : std::nullopt, clouds);
   if (!frames) return tl::unexpected(frames.error());
   return Recording(*std::move(camera), *T_camera_lidar, baseline_m, *std::move(frames));
 }

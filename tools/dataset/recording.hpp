@@ -24,7 +24,8 @@ struct RecordedFrame {
 /// below; holds no file open.
 class Recording {
  public:
-  /// All of `frames` have a right image or none has; `baseline_m` is the distance to the right camera where it is known.
+  /// All of `frames` have a right image or none has; `baseline_m` is the distance to the right camera where it is
+  /// known.
   Recording(Camera camera, const RigidTransform& T_camera_lidar, std::optional<double> baseline_m,
             std::vector<RecordedFrame> frames)
       : camera_(std::move(camera)),
@@ -52,10 +53,10 @@ class Recording {
   std::vector<RecordedFrame> frames_;
 };
 
-/// Each of the following fails with `recording_not_found` (no such folder, or one without images or clouds),
-/// `calibration_missing`, `calibration_malformed`, `bad_camera` or `frame_mismatch` (fewer than half of the images or
-/// of the clouds, whichever are fewer, have a counterpart). Frames are those that have image and cloud, and a right
-/// image where the camera has a right neighbour with images.
+// Each of the following fails with `recording_not_found` (no such folder, or one without images or clouds),
+// `calibration_missing`, `calibration_malformed`, `bad_camera` or `frame_mismatch` (fewer than half of the images or
+// of the clouds, whichever are fewer, have a counterpart). Frames are those that have image and cloud, and a right
+// image where the camera has a right neighbour with images.
 
 /// A synchronised and rectified KITTI raw drive, `drive` = `<date>/<drive>`, with the calibration files of its date in
 /// the folder above. `camera` is image_00 .. image_03; image_00 and image_02 have a right neighbour.

@@ -13,14 +13,15 @@ namespace {
 struct Lens {
   std::string_view name;
   CameraModel model;
-  int width, height;            // of `intrinsics`
+  int width, height;  // of `intrinsics`
   int usual_width, usual_height;
   std::array<double, 4> intrinsics;
   std::vector<double> distortion;
 };
 
 const std::array lenses{
-    Lens{"fisheye-double-sphere", CameraModel::double_sphere, 800, 800, 800, 800, {208, 208, 399.5, 399.5}, {-0.2, 0.6}},
+    Lens{
+        "fisheye-double-sphere", CameraModel::double_sphere, 800, 800, 800, 800, {208, 208, 399.5, 399.5}, {-0.2, 0.6}},
     Lens{"kitti-360-fisheye",
          CameraModel::mei,
          1400,

@@ -25,8 +25,7 @@ struct Face {
 
 /// A linear function of the viewing ray ((x - cx) / fx, (y - cy) / fy, 1) as one of the pixel (x, y, 1).
 Vector3f of_pixel(const Vector3f& of_ray, const Camera& camera) {
-  const float gx = of_ray.x() / static_cast<float>(camera.fx()),
-              gy = of_ray.y() / static_cast<float>(camera.fy());
+  const float gx = of_ray.x() / static_cast<float>(camera.fx()), gy = of_ray.y() / static_cast<float>(camera.fy());
   return {gx, gy, of_ray.z() - gx * static_cast<float>(camera.cx()) - gy * static_cast<float>(camera.cy())};
 }
 
@@ -37,8 +36,7 @@ int clip_near(const FacingTriangle& facing, std::array<Vector3f, 4>& polygon) {
   for (int i = 0; i < 3; ++i) {
     const Vector3f &p = *corner[i], &q = *corner[(i + 1) % 3];
     if (p.z() >= near_m) polygon[count++] = p;
-    if ((p.z() >= near_m) != (q.z() >= near_m))
-      polygon[count++] = p + (q - p) * ((near_m - p.z()) / (q.z() - p.z()));
+    if ((p.z() >= near_m) != (q.z() >= near_m)) polygon[count++] = p + (q - p) * ((near_m - p.z()) / (q.z() - p.z()));
   }
   return count;
 }
@@ -64,8 +62,7 @@ class DepthBuffer {
     // The sky lights what looks away from the sun.
     const float light = 0.55f + 0.55f * std::max(cosine, 0.f) + 0.08f * cosine;
     faces_.push_back({inverse_depth, of_pixel(texture.u_map, camera_) + texture.u0 * inverse_depth,
-                      of_pixel(texture.v_map, camera_) + texture.v0 * inverse_depth, light,
-                      triangle.surface});
+                      of_pixel(texture.v_map, camera_) + texture.v0 * inverse_depth, light, triangle.surface});
   }
 
   [[nodiscard]] const Face* face_at(int index) const {

@@ -16,9 +16,10 @@ struct Rendering {
   std::vector<float> depth_m;     // `render`: along the optical axis. `WideRenderer`: along the ray. Infinite: sky
 };
 
-/// For a rectified camera. Renders `instances` of `scene` from `T_world_camera` (optical frame: x right, y down, z forward).
-[[nodiscard]] Rendering render(const Scene& scene, const std::vector<Instance>& instances,
-                               const Camera& camera, const RigidTransform& T_world_camera);
+/// For a rectified camera. Renders `instances` of `scene` from `T_world_camera` (optical frame: x right, y down, z
+/// forward).
+[[nodiscard]] Rendering render(const Scene& scene, const std::vector<Instance>& instances, const Camera& camera,
+                               const RigidTransform& T_world_camera);
 
 /// For cameras of any model, lenses of 180 degrees and more included: the scene is drawn on the faces of a cube and
 /// looked up along each pixel's bearing. Brightness is the mean of four places within the pixel; depth is that of the
@@ -32,9 +33,9 @@ class WideRenderer {
 
  private:
   int width_, height_;
-  std::vector<Eigen::Vector3f> rays_;                              // bearing of every pixel, zero where it has none
-  std::vector<std::array<Eigen::Vector3f, 2>> across_pixel_;       // change of the bearing to the next pixel: right, down
-  int face_size_;                                                  // pixels of the cube's edge
+  std::vector<Eigen::Vector3f> rays_;                         // bearing of every pixel, zero where it has none
+  std::vector<std::array<Eigen::Vector3f, 2>> across_pixel_;  // change of the bearing to the next pixel: right, down
+  int face_size_;                                             // pixels of the cube's edge
 };
 
 /// The sensor: optics that blur a little, exposure, gamma, noise. `key` picks the noise; stamp left at 0.

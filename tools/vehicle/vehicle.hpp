@@ -19,8 +19,8 @@ struct SeenFrame : FramePair {
 
 /// A vehicle with a camera and a LiDAR, simulated or recorded.
 struct Vehicle {
-  Camera camera;          // of both images
-  double baseline_m = 0;  // 0: no right camera
+  Camera camera;                  // of both images
+  double baseline_m = 0;          // 0: no right camera
   RigidTransform T_camera_lidar;  // before the LiDAR moves
   /// What the sensors see in frame `index`, `t_s` after the start, by a LiDAR that has moved by `motion` in
   /// its own frame. Stamps are not set.
@@ -31,7 +31,7 @@ struct Simulation {
   std::uint64_t seed = 1;
   int width = 960, height = 288;
   std::optional<Camera> camera;  // of any model, instead of the rectified stereo camera of that size
-  bool dark = false;  // night without lights: the cameras see next to nothing, the LiDAR as much as ever
+  bool dark = false;             // night without lights: the cameras see next to nothing, the LiDAR as much as ever
   LidarModel lidar;
 };
 
