@@ -21,7 +21,8 @@ Result<PairMonitor::Evidence> PairMonitor::evaluate(const FramePair& pair) {
   if (!depth) return tl::unexpected(depth.error());
   if (auto good = check_depth(*depth, settings_.quality); !good) return tl::unexpected(good.error());
   auto features =
-      make_features(*depth, pair.scan, camera_, T_camera_lidar_, settings_.bounds, settings_.quality.min_points);
+      make_features(pair, *depth, camera_, T_camera_lidar_,
+                    {.bounds = settings_.bounds, .min_points = settings_.quality.min_points});
   if (!features) return tl::unexpected(features.error());
 
   last_scene_ = thumbnail(pair.image);

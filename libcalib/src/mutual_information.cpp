@@ -1,113 +1,179 @@
 #include "calib/mutual_information.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cassert>
 #include <cmath>
-#include <cstdint>
 #include <vector>
+
+#include "joint_histogram.hpp"
 
 namespace calib {
 namespace {
 
-constexpr int max_bins = 64;
-using Counts = std::array<std::uint32_t, max_bins * max_bins>;
+/// A term, made out for one frame.
+struct Counting {
+  explicit Counting(const Term& term, const FeatureSet& features)
+      : classes(FeatureSet::ranks / term.ranks_per_class), tiled(term.features == FeaturePair::tiled_depth) {
+    assert(std::has_single_bit(static_cast<unsigned>(term.ranks_per_class)) && term.ranks_per_class <= 16);
+    shape.class_shift = std::countr_zero(static_cast<unsigned>(term.ranks_per_class));
+    shape.row_shift = std::bit_width(static_cast<unsigned>(FeatureSet::none >> shape.class_shift));
+    shape.table_shift = 2 * shape.row_shift;
+    tables = tiled ? FeatureSet::tile_columns * FeatureSet::tile_rows : 1;
+    switch (term.features) {
+      case FeaturePair::depth: rows = &features.range_rank, plane = &features.planes->depth_rank; break;
+      case FeaturePair::tiled_depth: rows = &features.range_rank, plane = &features.planes->tile_depth_rank; break;
+      case FeaturePair::intensity: rows = &features.reflectance_rank, plane = &features.planes->grey_rank; break;
+      case FeaturePair::linear_depth: rows = &features.range_linear, plane = &features.planes->depth_linear; break;
+      case FeaturePair::linear_intensity: rows = &features.reflectance_linear, plane = &features.planes->grey_linear; break;
+    }
+  }
+  [[nodiscard]] bool possible() const { return !rows->empty() && !plane->empty(); }
 
-/// x log x summed over `values`; with the total n: n log n - sum = n H.
-template <typename Values>
-double sum_x_log_x(const Values& values, int count) {
-  double sum = 0;
-  for (int i = 0; i < count; ++i)
-    if (values[i] > 0) sum += static_cast<double>(values[i]) * std::log(static_cast<double>(values[i]));
-  return sum;
+  int classes, tables = 1;
+  bool tiled;
+  CountsShape shape{};
+  const std::vector<std::uint8_t>*rows = nullptr, *plane = nullptr;
+};
+
+/// Scratch memory of a thread, kept between calls.
+struct Scratch {
+  Landed landed;
+  std::array<std::vector<std::uint32_t>, 3> counts;
+  std::vector<double> across, joint, row_sums, column_sums;
+};
+
+/// The joint counts of a table without its column of no value, smoothed with [1 2 1] / 4 in both directions (beyond the
+/// edge is what is at the edge) when wanted; into `scratch.joint`, with its sums.
+void prepare_table(const std::uint32_t* counts, int classes, int row_shift, bool smoothed, Scratch& scratch) {
+  const auto n = static_cast<std::size_t>(classes);
+  scratch.across.resize(n * n);
+  scratch.joint.resize(n * n);
+  double* across = scratch.across.data();
+  double* joint = scratch.joint.data();
+  for (std::size_t i = 0; i < n; ++i) {
+    const std::uint32_t* row = counts + (i << row_shift);
+    double* to = (smoothed ? across : joint) + i * n;
+    for (std::size_t j = 0; j < n; ++j) to[j] = row[j];
+    if (!smoothed) continue;
+    to[0] = 3.0 * row[0] + row[1];
+    for (std::size_t j = 1; j + 1 < n; ++j) to[j] = row[j - 1] + 2.0 * row[j] + row[j + 1];
+    to[n - 1] = row[n - 2] + 3.0 * row[n - 1];
+  }
+  if (smoothed)
+    for (std::size_t i = 0; i < n; ++i) {
+      const double *above = across + (i == 0 ? 0 : i - 1) * n, *here = across + i * n,
+                   *below = across + std::min(i + 1, n - 1) * n;
+      for (std::size_t j = 0; j < n; ++j) joint[i * n + j] = above[j] + 2 * here[j] + below[j];
+    }
+  scratch.row_sums.assign(n, 0);
+  scratch.column_sums.assign(n, 0);
+  for (std::size_t i = 0; i < n; ++i)
+    for (std::size_t j = 0; j < n; ++j) {
+      scratch.row_sums[i] += joint[i * n + j];
+      scratch.column_sums[j] += joint[i * n + j];
+    }
 }
 
-/// Joint counts of (range class, depth class); returns the number of points counted.
-std::size_t fill(const FeatureSet& features, const RigidTransform& T_camera_lidar, const ObjectiveOptions& options,
-                 Counts& counts) {
-  // The intrinsics go into the transform, so that a point costs nine multiplications and one division.
-  Eigen::Matrix3d K = Eigen::Matrix3d::Identity();
-  K(0, 0) = features.fx;
-  K(1, 1) = features.fy;
-  K(0, 2) = features.cx + 0.5;  // truncation then rounds to the nearest pixel
-  K(1, 2) = features.cy + 0.5;
-  const Eigen::Matrix<float, 3, 4> P = (K * T_camera_lidar.matrix().topRows<3>()).cast<float>();
-  const auto width = static_cast<float>(features.width), height = static_cast<float>(features.height);
-  const int bins = options.bins;
-
-  std::array<std::uint16_t, 256> bin_of_rank;  // of a depth rank; invalid depth goes to a class of its own
-  for (int rank = 0; rank < FeatureSet::ranks; ++rank)
-    bin_of_rank[rank] = static_cast<std::uint16_t>(rank * bins / FeatureSet::ranks);
-
+std::size_t points_in_table(const std::uint32_t* counts, int classes, int row_shift) {
   std::size_t points = 0;
-  for (std::size_t i = 0; i < features.x_m.size(); i += options.stride) {
-    const float x = features.x_m[i], y = features.y_m[i], z = features.z_m[i];
-    const float depth = P(2, 0) * x + P(2, 1) * y + P(2, 2) * z + P(2, 3);
-    if (!(depth > 0.1F)) continue;
-    const float inverse = 1.0F / depth;
-    const float u = (P(0, 0) * x + P(0, 1) * y + P(0, 2) * z + P(0, 3)) * inverse;
-    const float v = (P(1, 0) * x + P(1, 1) * y + P(1, 2) * z + P(1, 3)) * inverse;
-    if (!(u >= 0 && u < width && v >= 0 && v < height)) continue;
-    const std::uint8_t rank = features.depth_rank[static_cast<std::size_t>(v) * features.width + static_cast<int>(u)];
-    if (rank == FeatureSet::no_depth) continue;
-    ++counts[bin_of_rank[features.range_rank[i]] * max_bins + bin_of_rank[rank]];
-    ++points;
-  }
+  for (int i = 0; i < classes; ++i)
+    for (int j = 0; j < classes; ++j) points += counts[(static_cast<std::size_t>(i) << row_shift) + j];
   return points;
 }
 
-/// [1 2 1] in both directions; weight that would leave the table stays at its edge, so the total is 16 times the points.
-void smooth(const Counts& counts, int bins, Counts& smoothed) {
-  static thread_local Counts across;
-  for (int i = 0; i < bins; ++i) {
-    const std::uint32_t* row = &counts[i * max_bins];
-    for (int j = 0; j < bins; ++j)
-      across[i * max_bins + j] = row[std::max(j - 1, 0)] + 2 * row[j] + row[std::min(j + 1, bins - 1)];
+/// Information of one table; none (1 when normalised, else 0) when all points are in one class.
+double information(const Term& term, Scratch& scratch, double points) {
+  const double n = term.normalised ? 16 * points : points;  // smoothing counts a point sixteen times
+  const double n_log_n = n * std::log(n);
+  const auto entropy = [&](const std::vector<double>& values) {
+    return (n_log_n - simd::sum_x_log_x(values.data(), values.size())) / n;
+  };
+  const double both = entropy(scratch.joint), each = entropy(scratch.row_sums) + entropy(scratch.column_sums);
+  if (!term.normalised) return each - both;
+  return both > 0 ? each / both : 1;
+}
+
+Score score_term(const Term& term, const Counting& counting, const std::vector<std::uint32_t>& counts,
+                 Scratch& scratch) {
+  // A tile with fewer points than this says nothing; its points count as knowing nothing.
+  const std::size_t least = counting.tiled ? 30 : min_scored_points;
+  const double nothing = term.normalised ? 1 : 0;
+  Score sum;
+  for (int table = 0; table < counting.tables; ++table) {
+    const std::uint32_t* from = counts.data() + (static_cast<std::size_t>(table) << counting.shape.table_shift);
+    const std::size_t points = points_in_table(from, counting.classes, counting.shape.row_shift);
+    double value = nothing;
+    if (points >= least) {
+      prepare_table(from, counting.classes, counting.shape.row_shift, term.normalised, scratch);
+      value = information(term, scratch, static_cast<double>(points));
+    }
+    sum.value += value * static_cast<double>(points);
+    sum.points += points;
   }
-  for (int i = 0; i < bins; ++i)
-    for (int j = 0; j < bins; ++j)
-      smoothed[i * max_bins + j] = across[std::max(i - 1, 0) * max_bins + j] + 2 * across[i * max_bins + j] +
-                                   across[std::min(i + 1, bins - 1) * max_bins + j];
+  if (sum.points < min_scored_points) return {nothing, sum.points};
+  sum.value /= static_cast<double>(sum.points);
+  return sum;
+}
+
+Projection projection_of(const FeatureSet& features, const RigidTransform& T_camera_lidar) {
+  Projection projection{.T_camera_lidar = {}, .grid = features.planes->grid};
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 4; ++j)
+      projection.T_camera_lidar[i * 4 + j] = static_cast<float>(T_camera_lidar.matrix()(i, j));
+  return projection;
 }
 
 }  // namespace
 
-Score score(const FeatureSet& features, const RigidTransform& T_camera_lidar, const ObjectiveOptions& options) {
-  assert(options.bins >= 2 && options.bins <= max_bins && options.stride >= 1);
-  Counts counts{};
-  const std::size_t points = fill(features, T_camera_lidar, options, counts);
-  if (points < min_scored_points) return {1, points};
-
-  static thread_local Counts smoothed;
-  smooth(counts, options.bins, smoothed);
-  std::array<std::uint64_t, max_bins> range_counts{}, depth_counts{};
-  double joint = 0;
-  for (int i = 0; i < options.bins; ++i) {
-    const std::uint32_t* row = &smoothed[i * max_bins];
-    joint += sum_x_log_x(row, options.bins);
-    for (int j = 0; j < options.bins; ++j) {
-      range_counts[i] += row[j];
-      depth_counts[j] += row[j];
-    }
+Score score(const FeatureSet& features, const RigidTransform& T_camera_lidar, const Objective& objective) {
+  assert(objective.count >= 1 && objective.count <= 3 && objective.stride >= 1);
+  static thread_local Scratch scratch;
+  std::vector<Counting> countings;
+  bool with_tiles = false;
+  for (const Term& term : objective.all()) {
+    const Counting& counting = countings.emplace_back(term, features);
+    with_tiles |= counting.tiled;
+    const std::size_t size = static_cast<std::size_t>(counting.tables) << counting.shape.table_shift;
+    scratch.counts[countings.size() - 1].assign(counting.possible() ? size : 0, 0);
   }
-  const double n = 16.0 * static_cast<double>(points);
-  const double n_log_n = n * std::log(n);
-  const double joint_entropy = n_log_n - joint;  // times n, as the two below
-  if (joint_entropy <= 0) return {1, points};    // one single class holds all points
-  const double range_entropy = n_log_n - sum_x_log_x(range_counts, options.bins);
-  const double depth_entropy = n_log_n - sum_x_log_x(depth_counts, options.bins);
-  return {(range_entropy + depth_entropy) / joint_entropy, points};
+
+  const Projection projection = projection_of(features, T_camera_lidar);
+  const std::size_t total = (features.points() + objective.stride - 1) / objective.stride;
+  for (std::size_t first = 0; first < total; first += Landed::capacity) {
+    const std::size_t count = std::min(Landed::capacity, total - first);
+    simd::project(features, first, count, projection, with_tiles, scratch.landed);
+    for (std::size_t k = 0; k < countings.size(); ++k)
+      if (const Counting& counting = countings[k]; counting.possible())
+        simd::count(scratch.landed, counting.rows->data() + first, counting.plane->data(), counting.shape,
+                    counting.tiled, scratch.counts[k].data());
+  }
+
+  Score result;
+  double weights = 0;
+  for (std::size_t k = 0; k < countings.size(); ++k) {
+    const Term& term = objective.terms[k];
+    const Score one = countings[k].possible() ? score_term(term, countings[k], scratch.counts[k], scratch)
+                                              : Score{term.normalised ? 1.0 : 0.0, 0};
+    result.value += term.weight * one.value;
+    weights += term.weight;
+    if (k == 0) result.points = one.points;
+  }
+  result.value /= weights;
+  return result;
 }
 
-Score mean_score(Frames frames, const RigidTransform& T_camera_lidar,
-                 const ObjectiveOptions& options) {
+Score mean_score(Frames frames, const RigidTransform& T_camera_lidar, const Objective& objective) {
   Score mean;
   for (const FeatureSet* frame : frames) {
-    const Score one = score(*frame, T_camera_lidar, options);
+    const Score one = score(*frame, T_camera_lidar, objective);
     mean.value += one.value;
     mean.points += one.points;
   }
   if (!frames.empty()) mean.value /= static_cast<double>(frames.size());
   return mean;
 }
+
+std::string_view vector_instructions() { return simd::target_name(); }
 
 }  // namespace calib

@@ -5,10 +5,12 @@ import re
 
 import pytest
 
-ORDER = ("result wall_time geometry camera frame pairing depth quality features mutual_information drift recalibrate "
+ORDER = ("result wall_time geometry camera frame pairing depth quality features mutual_information drift search recalibrate "
          "signature record store status formats").split()
 # Implementations of an interface, and private parts, stand beside the header that they serve.
-BESIDE = {"camera_models": "camera", "depth_stereo": "depth", "depth_onnx": "depth", "json_fields": "record"}
+BESIDE = {"camera_models": "camera", "depth_stereo": "depth", "depth_onnx": "depth",
+          "joint_histogram": "mutual_information", "rotation_grid": "search", "uncertainty": "search",
+          "json_fields": "record"}
 
 FOREIGN = re.compile(r"^(dds/|cyclonedds|spdlog/|fmt/|systemd/|yaml-cpp/|CLI/|mosquitto)")
 NOT_PURE = {"iostream", "print", "thread", "mutex", "condition_variable", "future", "atomic",

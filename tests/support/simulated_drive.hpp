@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cmath>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -24,11 +25,14 @@ class SimulatedDrive {
   [[nodiscard]] const RigidTransform& T_camera_lidar() const { return rig_.T_camera_lidar; }
 
   [[nodiscard]] DepthMap depth(int index) {
-    const double t_s = time_s(index);
-    const auto seen = vehicle::render(scene_, scene_.instances(t_s), rig_.camera, T_world_camera(t_s));
+    const auto seen = rendering(index);
     DepthMap depth{seen.width, seen.height, {}};
     for (const float depth_m : seen.depth_m) depth.inverse_depth.push_back(std::isfinite(depth_m) ? 1 / depth_m : 0);
     return depth;
+  }
+
+  [[nodiscard]] FramePair pair(int index, const RigidTransform& motion = RigidTransform::Identity()) {
+    return {vehicle::expose(rendering(index), 0.9F, index), std::nullopt, scan(index, motion)};
   }
 
   [[nodiscard]] LidarScan scan(int index, const RigidTransform& motion = RigidTransform::Identity()) {
@@ -41,7 +45,7 @@ class SimulatedDrive {
 
   /// What a monitor keeps that takes the extrinsic for what it was before the LiDAR moved.
   [[nodiscard]] FeatureSet features(int index, const RigidTransform& motion = RigidTransform::Identity()) {
-    return require_ok(make_features(depth(index), scan(index, motion), camera(), T_camera_lidar(), {}, 1000));
+    return require_ok(make_features(pair(index, motion), depth(index), camera(), T_camera_lidar()));
   }
   [[nodiscard]] std::vector<FeatureSet> features_of(int count, const RigidTransform& motion) {
     std::vector<FeatureSet> frames;
@@ -50,6 +54,9 @@ class SimulatedDrive {
   }
 
  private:
+  [[nodiscard]] vehicle::Rendering rendering(int index) {
+    return vehicle::render(scene_, scene_.instances(time_s(index)), rig_.camera, T_world_camera(time_s(index)));
+  }
   static double time_s(int index) { return 5.0 * index; }
   [[nodiscard]] RigidTransform T_world_camera(double t_s) const {
     return scene_.T_world_vehicle(t_s) * rig_.T_vehicle_camera;

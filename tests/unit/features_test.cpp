@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <set>
 #include <tuple>
 
@@ -36,6 +37,9 @@ DepthMap wall(const Camera& camera) {
   return {camera.width(), camera.height(), std::vector<float>(pixels, 0.1F)};
 }
 
+/// A pair of which only the points matter.
+FramePair only(const LidarScan& scan) { return {.image = {}, .right_image = {}, .scan = scan}; }
+
 }  // namespace
 
 TEST_CASE("ranks of depth do not change under any monotone distortion of the distance") {
@@ -43,7 +47,7 @@ TEST_CASE("ranks of depth do not change under any monotone distortion of the dis
   const DepthMap metric = drive.depth(0);
   const LidarScan scan = drive.scan(0);
   const auto ranks = [&](const DepthMap& depth) {
-    return test::require_ok(make_features(depth, scan, drive.camera(), drive.T_camera_lidar(), {}, 1000)).depth_rank;
+    return test::require_ok(make_features(only(scan), depth, drive.camera(), drive.T_camera_lidar())).planes->depth_rank;
   };
   const auto original = ranks(metric);
   DepthMap scaled = metric, squared = metric;
@@ -66,17 +70,18 @@ TEST_CASE("ranks grow with distance and every rank holds its share") {
   test::SimulatedDrive drive(32);
   const FeatureSet features = drive.features(0);
   const DepthMap depth = drive.depth(0);
+  const Eigen::Vector3f p_lidar_camera = drive.T_camera_lidar().inverse().translation().cast<float>();
   std::vector<std::pair<float, int>> by_range;
   for (std::size_t i = 0; i < features.x_m.size(); ++i)
-    by_range.emplace_back(Eigen::Vector3f(features.x_m[i], features.y_m[i], features.z_m[i]).norm(),
+    by_range.emplace_back((Eigen::Vector3f(features.x_m[i], features.y_m[i], features.z_m[i]) - p_lidar_camera).norm(),
                           features.range_rank[i]);
   std::ranges::sort(by_range);
   CHECK(std::ranges::is_sorted(by_range, {}, &std::pair<float, int>::second));
 
   std::vector<int> population(256);
-  for (std::size_t i = 0; i < features.depth_rank.size(); ++i) {
-    ++population[features.depth_rank[i]];
-    REQUIRE((features.depth_rank[i] == FeatureSet::no_depth) == (depth.inverse_depth[i] == DepthMap::no_depth));
+  for (std::size_t i = 0; i < depth.inverse_depth.size(); ++i) {
+    ++population[features.planes->depth_rank[i]];
+    REQUIRE((features.planes->depth_rank[i] == FeatureSet::none) == (depth.inverse_depth[i] == DepthMap::no_depth));
   }
   const double share = depth.valid_share() * static_cast<double>(depth.inverse_depth.size()) / FeatureSet::ranks;
   // Single ranks may be empty where many values are equal.
@@ -100,7 +105,7 @@ TEST_CASE("culling keeps every point that an extrinsic within the bounds brings 
                                                       random.gaussian()).normalized()).toRotationMatrix();
       T.translation() << random.uniform(-1.2F, 1.2F), random.uniform(-1.2F, 1.2F), random.uniform(-1.2F, 1.2F);
       const LidarScan scan = random_points(random, 4000, 40);
-      const FeatureSet kept = test::require_ok(make_features(wall(camera), scan, camera, T, bounds, 0));
+      const FeatureSet kept = test::require_ok(make_features(only(scan), wall(camera), camera, T, {.bounds = bounds, .min_points = 0}));
       std::set<std::tuple<float, float, float>> points;
       for (std::size_t i = 0; i < kept.x_m.size(); ++i) points.emplace(kept.x_m[i], kept.y_m[i], kept.z_m[i]);
       for (int corner = 0; corner < 64 + 20; ++corner) {
@@ -124,45 +129,94 @@ TEST_CASE("culling leaves out what no extrinsic within the bounds can bring into
   test::SimulatedDrive drive(33, 640, 192, {.azimuth_step_deg = 0.5});
   const LidarScan around = drive.scan(0);
   const FeatureSet kept = test::require_ok(
-      make_features(drive.depth(0), around, drive.camera(), drive.T_camera_lidar(), {}, 1000));
+      make_features(only(around), drive.depth(0), drive.camera(), drive.T_camera_lidar()));
   CHECK(static_cast<double>(kept.x_m.size()) < 0.45 * static_cast<double>(around.points.size()));
 }
 
-TEST_CASE("a frame of a 64-beam LiDAR and a 1242 x 375 camera is kept in less than 1.2 MB") {
+TEST_CASE("a frame of a 64-beam LiDAR and a 1242 x 375 camera is kept in less than 2.2 MB") {
   test::SimulatedDrive drive(34, 1242, 375, {.azimuth_step_deg = 0.17});
   const FeatureSet features = drive.features(0);
-  CHECK(features.memory_bytes() < 1'200'000);
-  CHECK(features.memory_bytes() > features.depth_rank.size() + 13 * features.x_m.size());
+  CHECK(features.memory_bytes() < 2'200'000);
+  CHECK(features.memory_bytes() > 3 * features.planes->depth_rank.size() + 14 * features.x_m.size());
 }
 
-TEST_CASE("depth of a camera with distortion is looked up where the pinhole camera would look") {
-  const std::vector<double> intrinsics{372, 372, 318, 90};
-  const Camera bent = test::require_ok(Camera::make(CameraModel::plumb_bob, 640, 192, intrinsics, {-0.2, 0.03, 0, 0}));
-  const Camera straight = test::require_ok(Camera::make(CameraModel::rectified, 640, 192, intrinsics));
-  // A slanting plane, n . p = 1: the inverse depth along a bearing (x, y, 1) is n . (x, y, 1).
-  const auto plane = [](const Camera& camera) {
-    DepthMap depth = wall(camera);
-    for (int v = 0; v < camera.height(); ++v)
-      for (int u = 0; u < camera.width(); ++u) {
-        const auto bearing = camera.unproject(Eigen::Vector2d(u, v));
-        depth.inverse_depth[v * camera.width() + u] =
-            bearing ? static_cast<float>(Eigen::Vector3d(0.05, 0.08, 0.1).dot(*bearing / bearing->z())) : 0;
-      }
-    return depth;
-  };
+TEST_CASE("what a lens of any model sees is found where its grid looks") {
+  // A wall, n . p = 1, seen by lenses from long to more than half of all around; what is known is the distance along a ray.
+  const Eigen::Vector3d n(0.05, 0.08, 0.1);
+  const auto lens = GENERATE(std::make_tuple(CameraModel::plumb_bob, 372.0, std::vector<double>{-0.2, 0.03, 0, 0}),
+                             std::make_tuple(CameraModel::equidistant, 150.0, std::vector<double>{0, 0, 0, 0}),
+                             std::make_tuple(CameraModel::double_sphere, 110.0, std::vector<double>{-0.2, 0.55}));
+  const auto& [model, focal, distortion] = lens;
+  const Camera camera = test::require_ok(Camera::make(model, 640, 480, {focal, focal, 318, 230}, distortion));
+  const auto inverse_distance = [&](const Eigen::Vector3d& bearing) { return std::max(0.0, n.dot(bearing)); };
+  DepthMap depth = wall(camera);
+  depth.along_ray = true;
+  for (int v = 0; v < camera.height(); ++v)
+    for (int u = 0; u < camera.width(); ++u) {
+      const auto bearing = camera.unproject(Eigen::Vector2d(u, v));
+      depth.inverse_depth[v * camera.width() + u] = bearing ? static_cast<float>(inverse_distance(*bearing)) : 0;
+    }
   vehicle::Random random(6);
-  const LidarScan scan = random_points(random, 4000, 40);
-  const RigidTransform T = RigidTransform::Identity();
-  const auto seen = test::require_ok(make_features(plane(bent), scan, bent, T, {}, 0)).depth_rank;
-  const auto expected = test::require_ok(make_features(plane(straight), scan, straight, T, {}, 0)).depth_rank;
-  int compared = 0, off = 0;
-  for (std::size_t i = 0; i < seen.size(); ++i) {
-    if (seen[i] == FeatureSet::no_depth) continue;
-    ++compared;
-    off += std::abs(seen[i] - expected[i]) > 8;
+  const FeatureSet features = test::require_ok(make_features(only(random_points(random, 4000, 40)), depth, camera,
+                                                             RigidTransform::Identity(), {.min_points = 0}));
+  const BearingGrid& grid = features.planes->grid;
+  CHECK(static_cast<double>(grid.pixels()) == Approx(640 * 480).epsilon(0.02));
+  std::vector<std::pair<double, int>> by_distance;
+  int seen = 0, visible = 0;
+  for (int v = 0; v < grid.height; v += 3)
+    for (int u = 0; u < grid.width; u += 3) {
+      const Eigen::Vector3d bearing = grid.bearing(u, v);
+      const double x = grid.fx * bearing.x() / (bearing.z() + grid.xi) + grid.cx;
+      REQUIRE(x == Approx(u).margin(1e-3));
+      const int rank = features.planes->depth_rank[v * grid.width + u];
+      // Along its edge a wall that is seen from the side has no certain pixel.
+      const bool expected = camera.project(bearing) && inverse_distance(bearing) > 0.005;
+      visible += expected;
+      seen += expected && rank != FeatureSet::none;
+      REQUIRE((rank == FeatureSet::none || camera.project(bearing)));
+      if (expected && rank != FeatureSet::none) by_distance.emplace_back(-inverse_distance(bearing), rank);
+    }
+  CHECK(visible > 0.1 * static_cast<double>(grid.pixels()) / 9);
+  CHECK(seen > 0.995 * visible);
+  std::ranges::sort(by_distance);
+  int out_of_order = 0;  // ranks follow distance but for a pixel's rounding
+  for (std::size_t i = 1; i < by_distance.size(); ++i)
+    out_of_order += by_distance[i].second < by_distance[i - 1].second - 8;
+  CHECK(out_of_order < 0.02 * static_cast<double>(by_distance.size()));
+}
+
+TEST_CASE("features about another extrinsic are those that would have been made there") {
+  test::SimulatedDrive drive(37);
+  const RigidTransform T = drive.T_camera_lidar() * test::knock(1, -2, 1.5, 0.1, -0.2, 0.1);
+  const SearchBounds narrow{radians_per_degree, 0.1};
+  const FeatureSet wide = drive.features(0);
+  const FeatureSet moved = wide.about(T, narrow);
+  const FeatureSet made = test::require_ok(make_features(drive.pair(0), drive.depth(0), drive.camera(), T,
+                                                         {.bounds = narrow, .min_points = 0}));
+  CHECK(moved.planes == wide.planes);
+  CHECK(moved.points() < wide.points());
+  CHECK(moved.points() == made.points());
+  // The order differs, and with it the sample that limits of ranks come from.
+  std::map<std::tuple<float, float, float>, int> ranks;
+  for (std::size_t i = 0; i < made.points(); ++i)
+    ranks[{made.x_m[i], made.y_m[i], made.z_m[i]}] = made.range_rank[i];
+  for (std::size_t i = 0; i < moved.points(); ++i) {
+    const auto found = ranks.find({moved.x_m[i], moved.y_m[i], moved.z_m[i]});
+    REQUIRE(found != ranks.end());
+    REQUIRE(std::abs(found->second - moved.range_rank[i]) <= 6);
   }
-  CHECK(compared > 0.7 * static_cast<double>(seen.size()));
-  CHECK(off < 0.02 * compared);
+}
+
+TEST_CASE("the first of the points are an even sample of all") {
+  test::SimulatedDrive drive(38);
+  const FeatureSet features = drive.features(0);
+  const auto mean = [&](std::size_t count) {
+    Eigen::Vector3d sum(0, 0, 0);
+    for (std::size_t i = 0; i < count; ++i) sum += Eigen::Vector3d(features.x_m[i], features.y_m[i], features.z_m[i]);
+    return Eigen::Vector3d(sum / static_cast<double>(count));
+  };
+  for (const int part : {32, 8, 2})
+    CHECK((mean(features.points() / part) - mean(features.points())).norm() < 0.5);
 }
 
 TEST_CASE("too few points on depth are refused, as are a depth map of another size, no points and no depth") {
@@ -170,7 +224,7 @@ TEST_CASE("too few points on depth are refused, as are a depth map of another si
   const DepthMap depth = drive.depth(0);
   const LidarScan scan = drive.scan(0);
   const auto refusal = [&](const DepthMap& from, const LidarScan& points, const RigidTransform& T) {
-    const auto features = make_features(from, points, drive.camera(), T, {}, 1000);
+    const auto features = make_features(only(points), from, drive.camera(), T);
     return features ? "" : features.error().code;
   };
   CHECK(refusal(depth, scan, drive.T_camera_lidar()).empty());
@@ -188,11 +242,11 @@ TEST_CASE("a point or an extrinsic that is not a number never gets into a featur
   LidarScan scan = drive.scan(0);
   scan.points.insert(scan.points.begin() + 7, {{nan, 1, 1, 0}, {10, nan, 0, 0}, {10, 0, nan, 0}});
   const FeatureSet features = test::require_ok(
-      make_features(drive.depth(0), scan, drive.camera(), drive.T_camera_lidar(), {}, 1000));
+      make_features(only(scan), drive.depth(0), drive.camera(), drive.T_camera_lidar()));
   for (std::size_t i = 0; i < features.x_m.size(); ++i)
     REQUIRE(std::isfinite(features.x_m[i] + features.y_m[i] + features.z_m[i]));
   CHECK(features.range_rank == drive.features(0).range_rank);
   RigidTransform T = drive.T_camera_lidar();
   T.translation().x() = nan;
-  CHECK(make_features(drive.depth(0), scan, drive.camera(), T, {}, 1000).error().code == "low_overlap");
+  CHECK(make_features(only(scan), drive.depth(0), drive.camera(), T).error().code == "low_overlap");
 }

@@ -1,7 +1,9 @@
 #include "calib/mutual_information.hpp"
 
+#include <cmath>
 #include <functional>
 #include <limits>
+#include <memory>
 
 #include "support/catch.hpp"
 #include "support/simulated_drive.hpp"
@@ -11,42 +13,55 @@ using namespace calib;
 
 namespace {
 
-constexpr int side = 252;
+constexpr int side = FeatureSet::ranks;
 
-/// One point on each pixel of a square image, ten metres in front of it at the identity extrinsic.
-FeatureSet board(const std::function<int(int, int)>& range_rank, const std::function<int(int, int)>& depth_rank) {
+using RankAt = std::function<int(int, int)>;
+
+/// One point on each pixel of a square image, ten metres in front of it at the identity extrinsic. `first` is a feature of
+/// the points, `second` of the pixels: of depth, of depth by tiles, and of intensity alike.
+FeatureSet board(const RankAt& first, const RankAt& second) {
+  FeaturePlanes planes;
+  planes.grid = {side, side, 300, 300, side / 2, side / 2, 0};
+  planes.max_angle_rad = 0.6;
+  planes.depth_rank.assign(planes.grid.plane_size(), FeatureSet::none);
   FeatureSet features;
-  features.width = features.height = side;
-  features.fx = features.fy = 300;
-  features.cx = features.cy = side / 2;
   for (int v = 0; v < side; ++v)
     for (int u = 0; u < side; ++u) {
-      features.x_m.push_back(10 * (static_cast<float>(u) - features.cx) / features.fx);
-      features.y_m.push_back(10 * (static_cast<float>(v) - features.cy) / features.fy);
+      features.x_m.push_back(10 * (static_cast<float>(u) - planes.grid.cx) / planes.grid.fx);
+      features.y_m.push_back(10 * (static_cast<float>(v) - planes.grid.cy) / planes.grid.fy);
       features.z_m.push_back(10);
-      features.range_rank.push_back(static_cast<std::uint8_t>(range_rank(u, v)));
-      features.depth_rank.push_back(static_cast<std::uint8_t>(depth_rank(u, v)));
+      features.range_rank.push_back(static_cast<std::uint8_t>(first(u, v)));
+      planes.depth_rank[v * side + u] = static_cast<std::uint8_t>(second(u, v));
     }
+  planes.tile_depth_rank = planes.grey_rank = planes.depth_linear = planes.grey_linear = planes.depth_rank;
+  features.reflectance_rank = features.range_linear = features.reflectance_linear = features.range_rank;
+  features.planes = std::make_shared<const FeaturePlanes>(std::move(planes));
   return features;
+}
+
+Objective of_classes(int ranks_per_class, FeaturePair features = FeaturePair::depth, bool normalised = true) {
+  Objective objective;
+  objective.terms[0] = {features, 1, ranks_per_class, normalised};
+  return objective;
 }
 
 int along(int u, int) { return u; }
 int across(int, int v) { return v; }
 int chance(int u, int v) { return static_cast<int>(vehicle::mix(u, v) % FeatureSet::ranks); }
 
-double at_identity(const FeatureSet& features, const ObjectiveOptions& options = {}) {
-  return score(features, RigidTransform::Identity(), options).value;
+double at_identity(const FeatureSet& features, const Objective& objective = depth_objective) {
+  return score(features, RigidTransform::Identity(), objective).value;
 }
 
 }  // namespace
 
 TEST_CASE("independent features score one, and identical ones more than any that are disturbed") {
-  for (const int bins : {2, 7, 16, 32, 64}) {
-    const ObjectiveOptions options{.bins = bins};
+  for (const int ranks_per_class : {4, 8, 16}) {
+    const Objective options = of_classes(ranks_per_class);
     CHECK(at_identity(board(along, across), options) == Approx(1).margin(1e-9));
     double last = at_identity(board(along, along), options);
     CHECK(last <= 2);
-    CHECK(last > (bins >= 16 ? 1.3 : 1.02));  // smoothing keeps it from 2, most so where bins are few
+    CHECK(last > 1.3);  // smoothing keeps it from 2, most so where classes are few
     for (const int disturbed_in_16 : {1, 4, 8, 12, 16}) {
       const auto disturbed = [&](int u, int v) {
         return static_cast<int>(vehicle::mix(9, u, v) % 16) < disturbed_in_16 ? chance(u, v) : u;
@@ -65,15 +80,14 @@ TEST_CASE("the score does not change when the two features change places or are 
   const auto turned = [&](int u, int v) { return FeatureSet::ranks - 1 - some(u, v); };
   const double value = at_identity(board(along, some));
   CHECK(at_identity(board(some, along)) == Approx(value).epsilon(1e-12));
-  CHECK(at_identity(board(along, turned), {.bins = 63}) ==
-        Approx(at_identity(board(along, some), {.bins = 63})).epsilon(1e-9));
+  CHECK(at_identity(board(along, turned)) == Approx(value).epsilon(1e-9));
 }
 
 TEST_CASE("what is out of view, behind the camera, without depth or too little is no information") {
   const FeatureSet features = board(along, along);
   const RigidTransform identity = RigidTransform::Identity();
   CHECK(score(features, identity).points == side * side);
-  CHECK(score(features, identity, {.stride = 4}).points == side * side / 4);
+  CHECK(score(features, identity, {.terms = {}, .stride = 4}).points == side * side / 4);
   const auto nothing = [](const FeatureSet& frame, const RigidTransform& T) {
     const Score seen = score(frame, T);
     return seen.value == 1 && seen.points < min_scored_points;
@@ -84,11 +98,86 @@ TEST_CASE("what is out of view, behind the camera, without depth or too little i
   RigidTransform not_a_number = identity;
   not_a_number.matrix().topRows<3>().setConstant(std::numeric_limits<double>::quiet_NaN());
   CHECK(nothing(features, not_a_number));
-  CHECK(nothing(board(along, [](int, int) { return int{FeatureSet::no_depth}; }), identity));
-  CHECK(nothing(FeatureSet{}, identity));
+  CHECK(nothing(board(along, [](int, int) { return int{FeatureSet::none}; }), identity));
+  const auto never = [](int, int) { return 0; };
+  FeatureSet no_points = board(never, never);
+  no_points.x_m.clear(), no_points.y_m.clear(), no_points.z_m.clear(), no_points.range_rank.clear();
+  CHECK(nothing(no_points, identity));
   CHECK(mean_score({}, identity).value == 0);
   // All points in one class: nothing to be told apart.
   CHECK(at_identity(board([](int, int) { return 100; }, [](int, int) { return 100; })) <= 1.01);
+}
+
+TEST_CASE("the paper's mutual information is that of the counts, in nats") {
+  // Of two equal uniform features with c classes it is log c; of independent ones, nearly nothing.
+  for (const auto features : {FeaturePair::linear_depth, FeaturePair::linear_intensity, FeaturePair::depth})
+    for (const int ranks_per_class : {1, 4, 16}) {
+      const Objective plain = of_classes(ranks_per_class, features, false);
+      CHECK(at_identity(board(along, along), plain) == Approx(std::log(FeatureSet::ranks / ranks_per_class)).epsilon(1e-9));
+      CHECK(at_identity(board(along, across), plain) == Approx(0).margin(1e-9));
+    }
+}
+
+TEST_CASE("by tiles a monotone change of the depth that differs from tile to tile changes nothing") {
+  test::SimulatedDrive drive(43);
+  DepthMap biased = drive.depth(0);
+  for (int v = 0; v < biased.height; ++v)
+    for (int u = 0; u < biased.width; ++u) {
+      const int tile = u * FeatureSet::tile_columns / biased.width + 10 * (v * FeatureSet::tile_rows / biased.height);
+      biased.inverse_depth[v * biased.width + u] *= static_cast<float>(1 << (tile % 3));
+    }
+  const auto features = [&](const DepthMap& depth) {
+    return test::require_ok(make_features(drive.pair(0), depth, drive.camera(), drive.T_camera_lidar()));
+  };
+  const FeatureSet good = features(drive.depth(0)), bad = features(biased);
+  const auto at_truth = [&](const FeatureSet& frame, FeaturePair pair) {
+    return score(frame, drive.T_camera_lidar(), of_classes(8, pair)).value;
+  };
+  CHECK(at_truth(bad, FeaturePair::tiled_depth) == Approx(at_truth(good, FeaturePair::tiled_depth)).epsilon(1e-9));
+  CHECK(at_truth(bad, FeaturePair::depth) < at_truth(good, FeaturePair::depth) - 0.01);
+}
+
+TEST_CASE("an objective is the weighted mean of its terms, and a term without features says nothing") {
+  test::SimulatedDrive drive(44);
+  FeatureSet frame = drive.features(0);
+  const RigidTransform& T = drive.T_camera_lidar();
+  Objective both = of_classes(4);
+  both.terms[1] = {FeaturePair::intensity, 3, 8, true};
+  both.count = 2;
+  const double depth = score(frame, T).value, intensity = score(frame, T, of_classes(8, FeaturePair::intensity)).value;
+  CHECK(score(frame, T, both).value == Approx((depth + 3 * intensity) / 4).epsilon(1e-12));
+  CHECK(intensity > 1.001);
+  frame.reflectance_rank.clear();  // a LiDAR that gives none
+  CHECK(score(frame, T, both).value == Approx((depth + 3) / 4).epsilon(1e-12));
+}
+
+TEST_CASE("the vector code counts what plain arithmetic counts, whatever the lens") {
+  const auto model = GENERATE(CameraModel::rectified, CameraModel::equidistant);
+  const std::vector<double> distortion(model == CameraModel::rectified ? 0 : 4, 0.0);
+  const Camera camera = test::require_ok(Camera::make(model, 320, 240, {110, 110, 158, 122}, distortion));
+  vehicle::Random random(8);
+  FramePair pair;
+  for (int i = 0; i < 3001; ++i)  // no multiple of any vector's length
+    pair.scan.points.push_back({random.uniform(-20, 20), random.uniform(-20, 20), random.uniform(-20, 20), 0});
+  DepthMap depth{320, 240, std::vector<float>(320 * 240), true};
+  for (float& inverse : depth.inverse_depth) inverse = random.uniform(-0.2F, 1);  // some have none
+  const RigidTransform T = test::knock(20, -30, 40, 0.1, 0.2, 0.3);
+  const FeatureSet features = test::require_ok(
+      make_features(pair, depth, camera, T, {.bounds = {.rotation_rad = 2, .translation_m = 1}, .min_points = 0}));
+  const FeaturePlanes& planes = *features.planes;
+  std::size_t expected = 0;
+  for (std::size_t i = 0; i < features.points(); ++i) {
+    const Eigen::Vector3d p = T * Eigen::Vector3d(features.x_m[i], features.y_m[i], features.z_m[i]);
+    const double denominator = p.z() + planes.grid.xi * p.norm();
+    const double u = std::floor(planes.grid.fx * p.x() / denominator + planes.grid.cx + 0.5);
+    const double v = std::floor(planes.grid.fy * p.y() / denominator + planes.grid.cy + 0.5);
+    if (denominator > 0 && u >= 0 && v >= 0 && u < planes.grid.width && v < planes.grid.height)
+      expected += planes.depth_rank[static_cast<std::size_t>(v) * planes.grid.width + static_cast<std::size_t>(u)] !=
+                  FeatureSet::none;
+  }
+  CHECK(expected > 200);
+  // A point on a pixel's border may fall to either side in single precision.
+  CHECK(std::abs(static_cast<double>(score(features, T).points) - static_cast<double>(expected)) <= 2);
 }
 
 TEST_CASE("on frames of a street the truth scores best") {

@@ -15,6 +15,8 @@ struct DepthMap {
   int width = 0;
   int height = 0;
   std::vector<float> inverse_depth;
+  /// The inverse of the distance along the ray, as wide lenses need it, instead of that along the optical axis.
+  bool along_ray = false;
 
   /// Share of the pixels that have depth, 0 .. 1.
   [[nodiscard]] double valid_share() const;

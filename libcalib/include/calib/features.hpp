@@ -1,49 +1,97 @@
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "calib/depth.hpp"
-#include "calib/geometry.hpp"
 #include "calib/frame.hpp"
+#include "calib/geometry.hpp"
 
 namespace calib {
 
 /// How far from the current extrinsic a feature set must stay usable; points further out of view are culled.
 struct SearchBounds {
-  double rotation_rad = 5 * radians_per_degree;  // per axis
+  double rotation_rad = 5 * radians_per_degree;  // per axis; from one radian on no point is culled
   double translation_m = 0.5;                    // per axis
 };
 
-/// What is kept of a pair: everything the mutual information needs, and no image. About 1 MB for a 1242 x 375 image
-/// and a 64-beam scan.
-///
-/// Both features are ranks: the value's place among all values of the frame in equal steps 0 .. 251 (a histogram with
-/// equal populations). Ranks do not change under any monotone distortion of the distance along the ray, so relative
-/// inverse depth of unknown scale serves as well as metres. Nearer is a smaller range and a larger inverse depth;
-/// `depth_rank` is turned round so that both ranks grow with distance.
-struct FeatureSet {
-  static constexpr int ranks = 252;
-  static constexpr std::uint8_t no_depth = 255;
-
-  Timestamp stamp{};
-  /// The pinhole camera of `depth_rank`; where the real camera has distortion, depth was resampled into this one.
+/// Where the pixels of a feature set look, chosen so that a point costs one division whatever the real lens does:
+/// u = fx x / (z + xi d) + cx, d the point's distance. `xi` is 0 (pinhole) for cameras that see less than 60 degrees off
+/// their axis, else 1 (stereographic), which takes in everything but straight behind. Images of a camera with another
+/// model are resampled into it once per pair.
+struct BearingGrid {
   int width = 0, height = 0;
   float fx = 0, fy = 0, cx = 0, cy = 0;
-  /// Row-major, `no_depth` where there is none.
-  std::vector<std::uint8_t> depth_rank;
-  /// Points in the LiDAR frame (m) that can be in view within the bounds, and the rank of their range (paper, Sec.
-  /// "Algorithm": Euclidean distance to the LiDAR's origin, which no extrinsic changes).
-  std::vector<float> x_m, y_m, z_m;
-  std::vector<std::uint8_t> range_rank;
+  float xi = 0;
 
-  [[nodiscard]] std::size_t memory_bytes() const;
+  [[nodiscard]] static BearingGrid of(const Camera& camera);
+  /// Unit bearing (optical frame) of a pixel.
+  [[nodiscard]] Eigen::Vector3d bearing(double u, double v) const;
+  [[nodiscard]] std::size_t pixels() const { return static_cast<std::size_t>(width) * height; }
+  /// What a plane of one byte per pixel holds: behind the pixels one that has no value, for points that are not in view,
+  /// and room to read four bytes at any of them.
+  [[nodiscard]] std::size_t plane_size() const { return pixels() + 4; }
 };
 
-/// Features of one pair. `T_camera_lidar` and `bounds` only decide which points are culled.
-/// Fails with `low_overlap` when fewer than `min_points` points land on valid depth at `T_camera_lidar`.
-[[nodiscard]] Result<FeatureSet> make_features(const DepthMap& depth, const LidarScan& scan, const Camera& camera,
-                                               const RigidTransform& T_camera_lidar, const SearchBounds& bounds,
-                                               int min_points);
+/// What `make_features` prepares, by what it serves.
+struct FeatureSettings {
+  SearchBounds bounds{};
+  /// Fewer points than this on pixels with depth at the given extrinsic are refused.
+  int min_points = 1000;
+  /// Also the paper's own features, in linear classes.
+  bool linear = false;
+};
+
+/// What is kept of an image and its depth: planes of the grid, row-major, `grid.plane_size()` bytes or empty.
+struct FeaturePlanes {
+  BearingGrid grid;
+  /// Ranks of depth among the whole image, of depth among its tile of 8 x 3, and of brightness.
+  std::vector<std::uint8_t> depth_rank, tile_depth_rank, grey_rank;
+  /// The paper's features, in classes of equal width: depth along the axis, and brightness.
+  std::vector<std::uint8_t> depth_linear, grey_linear;
+  /// Of the camera: nothing further off its axis is visible.
+  double max_angle_rad = 0;
+};
+
+/// What is kept of a pair: everything that the objectives need, and no image. About 2 MB for a 1242 x 375 image and a
+/// 64-beam scan. A copy shares the planes.
+///
+/// A feature is a rank: the value's place among all values of the frame in equal steps 0 .. 239 (a histogram with equal
+/// populations). Ranks do not change under any monotone distortion, so relative inverse depth of unknown scale serves as
+/// well as metres. The number is one that classes of 4, 8 and 16 ranks divide; `none` falls into a class of its own.
+/// Depth is compared as what the LiDAR measures, as distance along the ray from the camera, not along its axis: else the
+/// relation between the two would change over the image. All ranks of distance grow with it.
+struct FeatureSet {
+  static constexpr int ranks = 240;
+  static constexpr std::uint8_t none = 255;
+  static constexpr int tile_columns = 8, tile_rows = 3;
+
+  Timestamp stamp{};
+  std::shared_ptr<const FeaturePlanes> planes;
+  /// Points in the LiDAR frame (m) that can be in view within the bounds. Every 32nd comes first, then what makes that
+  /// every 16th, and so on: the first 1 / 2^n of them are an even sample of all.
+  std::vector<float> x_m, y_m, z_m;
+  /// Ranks of a point's distance from the camera, and of its reflectance. Where the camera is, the given extrinsic says;
+  /// within a degree and some centimetres of it nothing changes. From bounds of one radian on that is not known, and it
+  /// is the distance from the LiDAR.
+  std::vector<std::uint8_t> range_rank, reflectance_rank;
+  /// The paper's: Euclidean range in the LiDAR frame, reflectance.
+  std::vector<std::uint8_t> range_linear, reflectance_linear;
+
+  [[nodiscard]] std::size_t points() const { return x_m.size(); }
+  [[nodiscard]] std::size_t memory_bytes() const;
+
+  /// The same pair for a search about another extrinsic, of points that can be in view within narrower bounds.
+  [[nodiscard]] FeatureSet about(const RigidTransform& T_camera_lidar, const SearchBounds& bounds) const;
+};
+
+/// Features of one pair. `T_camera_lidar` decides which points are culled and where their distance is taken from.
+/// Fails with `depth_failed` when `depth` is not of the camera's size, with `low_overlap` when fewer than
+/// `settings.min_points` points land on valid depth at `T_camera_lidar`.
+[[nodiscard]] Result<FeatureSet> make_features(const FramePair& pair, const DepthMap& depth, const Camera& camera,
+                                               const RigidTransform& T_camera_lidar,
+                                               const FeatureSettings& settings = {});
 
 }  // namespace calib

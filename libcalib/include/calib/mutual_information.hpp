@@ -1,33 +1,60 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <span>
+#include <string_view>
 
 #include "calib/features.hpp"
 
 namespace calib {
 
-/// Which histogram the score is taken from.
-struct ObjectiveOptions {
-  /// Classes per feature, 2 .. 64. Fewer give a wider basin, more a sharper optimum.
-  int bins = 64;
-  /// Visits every n-th point only; for coarse searches.
-  int stride = 1;
+/// Two features of a frame whose joint histogram is taken: one of the points, one of the pixels they land on.
+enum class FeaturePair {
+  depth,           // rank of the distance, rank of depth
+  tiled_depth,     // rank of the distance, rank of depth among its tile of the image: one histogram per tile
+  intensity,       // rank of reflectance, rank of brightness
+  linear_depth,    // range, depth, as the paper has them
+  linear_intensity  // reflectance, brightness, as the paper's baseline has them
 };
 
-/// Normalised mutual information (H(X) + H(Y)) / H(X, Y), after Studholme 1999, of a frame's LiDAR range and image depth:
-/// 1 for independent features, more the more one tells of the other, at most 2. It is the paper's D2D mutual information (Eq. "MI") over ranks
-/// instead of linear bins, divided so that a change of overlap moves it least; the joint histogram is smoothed with
-/// [1 2 1]/4 in both directions.
+/// One term of an objective.
+struct Term {
+  FeaturePair features = FeaturePair::depth;
+  double weight = 1;
+  /// Ranks per class: 4, 8 or 16 make 60, 30 or 15 classes. More classes give a sharper optimum, fewer a wider basin.
+  int ranks_per_class = 4;
+  /// Normalised mutual information (H(X) + H(Y)) / H(X, Y), after Studholme 1999, of a joint histogram smoothed with
+  /// [1 2 1] / 4 in both directions: 1 for independent features, at most 2. It is the one that a change of overlap moves
+  /// least. Otherwise the paper's H(X) + H(Y) - H(X, Y) in nats (Eq. "MI"), as it is.
+  bool normalised = true;
+};
+
+/// What is maximised: the weighted mean of one to three terms.
+struct Objective {
+  std::array<Term, 3> terms{};
+  int count = 1;
+  /// Scores an even sample of one in `stride` points, a power of two up to 32; for coarse searches.
+  int stride = 1;
+
+  [[nodiscard]] std::span<const Term> all() const { return {terms.data(), static_cast<std::size_t>(count)}; }
+};
+
+/// The one that drift is judged by: depth alone.
+inline constexpr Objective depth_objective{};
+
 struct Score {
   double value = 0;
-  /// Points that landed on a pixel with depth.
+  /// Points that landed on a pixel with a value, in the first term.
   std::size_t points = 0;
 };
 
-/// The score of one frame at an extrinsic. With fewer than `min_scored_points` points it is 1: no information.
+/// The score of one frame at an extrinsic. The frame has planes. A term with fewer than `min_scored_points` points, or whose features the frame
+/// does not have, says nothing: 1 when it is normalised, else 0. Tiles count by their points.
+/// Deterministic for a given processor; processors with other vector units differ in the last bits of a pixel's place,
+/// which moves a frame's score by less than 1e-3.
 [[nodiscard]] Score score(const FeatureSet& features, const RigidTransform& T_camera_lidar,
-                          const ObjectiveOptions& options = {});
+                          const Objective& objective = depth_objective);
 inline constexpr std::size_t min_scored_points = 200;
 
 /// Frames as they are kept, each somewhere of its own; none is null.
@@ -36,6 +63,9 @@ using Frames = std::span<const FeatureSet* const>;
 /// The mean score over frames (paper, Eq. "MI average"; pooling the histograms instead is measurably worse).
 /// Points are summed.
 [[nodiscard]] Score mean_score(Frames frames, const RigidTransform& T_camera_lidar,
-                               const ObjectiveOptions& options = {});
+                               const Objective& objective = depth_objective);
+
+/// Name of the vector instructions that scores are computed with on this processor.
+[[nodiscard]] std::string_view vector_instructions();
 
 }  // namespace calib

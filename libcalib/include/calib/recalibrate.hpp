@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "calib/drift.hpp"
+#include "calib/search.hpp"
 
 namespace calib {
 
@@ -27,7 +27,8 @@ struct Recalibration {
   RigidTransform T_camera_lidar = RigidTransform::Identity();
   /// From the starting extrinsic: how far the LiDAR has moved in its own frame.
   Vector6 delta = Vector6::Zero();
-  /// One standard deviation of `delta` (rad, m), from the spread over the frames of each axis' optimum.
+  /// One standard deviation of `delta` (rad, m), by block bootstrap over the frames; where the translation was not
+  /// changed, that of the rotation is for the translation as it is.
   Vector6 sigma = Vector6::Zero();
   /// False: the pairs held back did not bear out a translation, so only the rotation was changed.
   bool translation_changed = false;
@@ -36,14 +37,11 @@ struct Recalibration {
   int evaluations = 0;
 };
 
-/// Finds the extrinsic that maximises the mean score over `fit` by BOBYQA (Powell 2009), as the paper's Algorithm 1 does,
-/// in stages: a coarse look around, rotation alone, then all six parameters, each with 32 and then 64 bins. The search
-/// turns about a point 15 m in front of the camera, which straightens the valley in which pitch trades against z and yaw
-/// against y. `held_back` frames take no part in it and decide: whether translation is moved at all, and whether the
-/// result is better than the start. Deterministic.
+/// Searches over `fit` (search.hpp, the default method) for the rotation alone and for all six parameters. `held_back`
+/// frames take no part in that and decide: whether translation is moved at all, and whether the result is better than the
+/// start. Deterministic.
 ///
-/// Fails with `too_few_pairs` below three frames to fit or two held back, and with `recalibration_failed` when the
-/// optimiser breaks.
+/// Fails with `too_few_pairs` below three frames to fit or two held back, and as `search` does.
 [[nodiscard]] Result<Recalibration> recalibrate(Frames fit, Frames held_back,
                                                 const RigidTransform& T_camera_lidar,
                                                 const RecalibrationSettings& settings);

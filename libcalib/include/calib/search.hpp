@@ -1,0 +1,89 @@
+#pragma once
+
+#include <array>
+#include <functional>
+#include <string>
+#include <string_view>
+
+#include "calib/mutual_information.hpp"
+
+namespace calib {
+
+using Matrix6 = Eigen::Matrix<double, 6, 6>;
+
+/// What is maximised, and in which steps.
+enum class Method {
+  /// Ours. Normalised mutual information of ranks; from a coarse look around by few classes to many; where only the
+  /// rotation is sought, depth ranked by tiles in the end, which a spatially varying bias of the depth cannot move; and
+  /// intensity beside depth, which counts for as much as it
+  /// shows: where it shows nothing (night, no reflectance), its score is the same everywhere.
+  standard,
+  /// The paper's D2D objective and Algorithm 1: one BOBYQA from the start.
+  d2d,
+  /// The paper's baseline: grey value against reflectance, likewise (Pandey 2015).
+  i2i,
+  /// The best that intensity alone can do: ranks, normalised, two stages.
+  i2i_nmi,
+};
+/// "default", "d2d", "i2i", "i2i_nmi". Fails with `unknown_objective`.
+[[nodiscard]] Result<Method> parse_method(std::string_view name);
+[[nodiscard]] std::string_view to_string(Method method);
+/// Whether frames need `FeatureSettings::linear`.
+[[nodiscard]] bool needs_linear_features(Method method);
+
+struct SearchSettings {
+  /// The extrinsic stays within these of the starting one, per axis, in the LiDAR frame.
+  SearchBounds bounds;
+  /// Orientations all around are tried, and `bounds.rotation_rad` does not hold.
+  bool any_orientation = false;
+  /// Axes (roll, pitch, yaw, x, y, z of the LiDAR at the start) that may move.
+  std::array<bool, 6> released{true, true, true, true, true, true};
+  /// Called with a share of the work done, 0 .. 1, now and then. May be empty.
+  std::function<void(double)> progress = {};
+};
+
+/// Where a search ended.
+struct SearchResult {
+  RigidTransform T_camera_lidar = RigidTransform::Identity();
+  /// From the start: how far the LiDAR has moved in its own frame.
+  Vector6 delta = Vector6::Zero();
+  /// The last stage's objective, and its score at the start and at the end.
+  Objective objective;
+  double score_before = 0, score_after = 0;
+  /// The depth is biased across the image: its tiles alone would choose another rotation than the whole. The objective is
+  /// then one that distrusts the whole. Found out with all six axes released; rotation alone always goes by tiles.
+  bool depth_is_biased = false;
+  int evaluations = 0;
+  /// Why it ended, in words: "converged", "ends at the limit of pitch", "stopped after 400 evaluations".
+  std::string reason;
+  bool converged = false;
+};
+
+/// How sure the optimum is, in the LiDAR frame there (rad, m).
+struct Uncertainty {
+  /// By the curvature of the mean score and the scatter of the frames' gradients (sandwich estimate; Huber 1967).
+  Matrix6 covariance = Matrix6::Zero();
+  /// By resampling blocks of neighbouring frames and moving the optimum by one Newton step each (Kuensch 1989).
+  Matrix6 bootstrap_covariance = Matrix6::Zero();
+  /// Whether the frames tell anything of the axis: its curvature is significantly that of a hill.
+  std::array<bool, 6> observable{};
+
+  [[nodiscard]] Vector6 sigma() const { return bootstrap_covariance.diagonal().cwiseSqrt(); }
+};
+
+/// Finds the extrinsic that maximises the method's objective over `frames` (paper, Algorithm 1), by BOBYQA (Powell 2009).
+/// With all six axes released it turns about a point 15 m in front of the camera, which straightens the valley in which
+/// pitch trades against z and yaw against y. Deterministic.
+/// Fails with `too_few_pairs` without a frame, and with `search_failed` when nothing is in view or the optimiser breaks.
+[[nodiscard]] Result<SearchResult> search(Frames frames, const RigidTransform& T_camera_lidar, Method method,
+                                          const SearchSettings& settings = {});
+
+/// At the optimum `T_camera_lidar` of `objective`. No standard deviation is larger than the bounds; axes that are not
+/// released have none.
+[[nodiscard]] Uncertainty uncertainty(Frames frames, const RigidTransform& T_camera_lidar, const Objective& objective,
+                                      const SearchSettings& settings = {});
+
+/// The objective of a method's last stage, as long as nothing speaks of biased depth.
+[[nodiscard]] Objective final_objective(Method method, const std::array<bool, 6>& released);
+
+}  // namespace calib

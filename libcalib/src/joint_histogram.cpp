@@ -1,0 +1,151 @@
+#include "joint_histogram.hpp"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "joint_histogram.cpp"
+#include <hwy/foreach_target.h>
+// After it, for each target anew.
+#include <hwy/cache_control.h>
+#include <hwy/contrib/math/math-inl.h>
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace calib::simd {
+namespace HWY_NAMESPACE {
+
+namespace hn = hwy::HWY_NAMESPACE;
+using Floats = hn::ScalableTag<float>;
+using Ints = hn::RebindToSigned<Floats>;
+using Bytes = hn::Rebind<std::uint8_t, Ints>;
+using Doubles = hn::ScalableTag<double>;
+
+/// Appends those of a vector of points that are in view, of which `known` are points at all.
+HWY_INLINE void project_vector(const float* x_m, const float* y_m, const float* z_m, std::size_t first,
+                               std::size_t known, const Projection& projection, bool with_tiles, Landed& landed) {
+  const Floats f;
+  const Ints ints;
+  const auto& T = projection.T_camera_lidar;
+  const BearingGrid& grid = projection.grid;
+  const auto x = hn::LoadU(f, x_m), y = hn::LoadU(f, y_m), z = hn::LoadU(f, z_m);
+  const auto row = [&](int i) HWY_ATTR {
+    return hn::MulAdd(hn::Set(f, T[i]), x,
+                      hn::MulAdd(hn::Set(f, T[i + 1]), y, hn::MulAdd(hn::Set(f, T[i + 2]), z, hn::Set(f, T[i + 3]))));
+  };
+  const auto x_camera = row(0), y_camera = row(4), z_camera = row(8);
+  auto denominator = z_camera;
+  if (grid.xi != 0) {
+    const auto squared =
+        hn::MulAdd(x_camera, x_camera, hn::MulAdd(y_camera, y_camera, hn::Mul(z_camera, z_camera)));
+    denominator = hn::MulAdd(hn::Set(f, grid.xi), hn::Sqrt(squared), z_camera);
+  }
+  const auto inverse = hn::Div(hn::Set(f, 1), denominator);
+  // Half a pixel more, so that truncation rounds to the nearest.
+  const auto u = hn::MulAdd(hn::Mul(hn::Set(f, grid.fx), x_camera), inverse, hn::Set(f, grid.cx + 0.5F));
+  const auto v = hn::MulAdd(hn::Mul(hn::Set(f, grid.fy), y_camera), inverse, hn::Set(f, grid.cy + 0.5F));
+  const auto width = hn::Set(f, static_cast<float>(grid.width)), height = hn::Set(f, static_cast<float>(grid.height));
+  const auto zero = hn::Zero(f);
+  // Comparisons with NaN are false, so that what is not a number is not in view.
+  const auto in_front = hn::Gt(denominator, hn::Set(f, 1e-6F));
+  const auto in_view = hn::And(hn::And(in_front, hn::And(hn::Ge(u, zero), hn::Lt(u, width))),
+                               hn::And(hn::Ge(v, zero), hn::Lt(v, height)));
+  const auto seen = hn::And(hn::RebindMask(ints, in_view), hn::FirstN(ints, known));
+  const auto u_seen = hn::IfThenElseZero(in_view, u), v_seen = hn::IfThenElseZero(in_view, v);
+  const auto column = hn::ConvertTo(ints, u_seen), line = hn::ConvertTo(ints, v_seen);
+  const auto place = hn::Add(hn::Mul(line, hn::Set(ints, grid.width)), column);
+  const std::size_t end = landed.count;
+  landed.count += hn::CountTrue(ints, seen);
+  // Not CompressStore: some processors are very slow at it.
+  const auto append = [&](auto values, auto& to) HWY_ATTR { hn::StoreU(hn::Compress(values, seen), ints, &to[end]); };
+  append(place, landed.pixel);
+  append(hn::Iota(ints, static_cast<std::int32_t>(first)), landed.point);
+  if (!with_tiles) return;
+  const auto tile_of = [&](auto value, int tiles, int extent) HWY_ATTR {
+    const auto scale = hn::Set(f, static_cast<float>(tiles) / static_cast<float>(extent));
+    return hn::Min(hn::ConvertTo(ints, hn::Mul(value, scale)), hn::Set(ints, tiles - 1));
+  };
+  const auto across = tile_of(u_seen, FeatureSet::tile_columns, grid.width);
+  const auto down = tile_of(v_seen, FeatureSet::tile_rows, grid.height);
+  append(hn::Add(hn::Mul(down, hn::Set(ints, FeatureSet::tile_columns)), across), landed.tile);
+}
+
+void Project(const FeatureSet& features, std::size_t first, std::size_t count, const Projection& projection,
+             bool with_tiles, Landed& landed) {
+  constexpr std::size_t most_lanes = HWY_MAX_BYTES / sizeof(float);
+  const std::size_t lanes = hn::Lanes(Floats());
+  const float *x = &features.x_m[first], *y = &features.y_m[first], *z = &features.z_m[first];
+  landed.count = 0;
+  std::size_t i = 0;
+  for (; i + lanes <= count; i += lanes)
+    project_vector(x + i, y + i, z + i, i, lanes, projection, with_tiles, landed);
+  if (i == count) return;
+  float rest[3][most_lanes] = {};
+  for (std::size_t k = i; k < count; ++k) {
+    rest[0][k - i] = x[k];
+    rest[1][k - i] = y[k];
+    rest[2][k - i] = z[k];
+  }
+  project_vector(rest[0], rest[1], rest[2], i, count - i, projection, with_tiles, landed);
+}
+
+double SumXLogX(const double* values, std::size_t count) {
+  const Doubles d;
+  const std::size_t lanes = hn::Lanes(d);
+  auto sum = hn::Zero(d);
+  std::size_t i = 0;
+  for (; i + lanes <= count; i += lanes) {
+    const auto value = hn::LoadU(d, values + i);
+    sum = hn::MulAdd(value, hn::Log(d, hn::Max(value, hn::Set(d, 1e-300))), sum);
+  }
+  double total = hn::GetLane(hn::SumOfLanes(d, sum));
+  for (; i < count; ++i) total += values[i] * hn::GetLane(hn::Log(d, hn::Set(d, std::max(values[i], 1e-300))));
+  return total;
+}
+
+const char* TargetName() { return hwy::TargetName(HWY_TARGET); }
+
+}  // namespace HWY_NAMESPACE
+}  // namespace calib::simd
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace calib::simd {
+
+HWY_EXPORT(Project);
+HWY_EXPORT(SumXLogX);
+HWY_EXPORT(TargetName);
+
+void project(const FeatureSet& features, std::size_t first, std::size_t count, const Projection& projection,
+             bool with_tiles, Landed& landed) {
+  HWY_DYNAMIC_DISPATCH(Project)(features, first, count, projection, with_tiles, landed);
+}
+
+namespace {
+template <bool tiled>
+void count_all(const Landed& landed, const std::uint8_t* row_ranks, const std::uint8_t* plane, const CountsShape& shape,
+               std::uint32_t* counts) {
+  constexpr std::size_t ahead = 48;  // a plane is larger than the nearest caches, and where it is read is no pattern
+  for (std::size_t i = 0; i < landed.count; ++i) {
+    hwy::Prefetch(plane + landed.pixel[std::min(i + ahead, landed.count - 1)]);
+    int cell = row_ranks[landed.point[i]] >> shape.class_shift << shape.row_shift;
+    cell |= plane[landed.pixel[i]] >> shape.class_shift;
+    if constexpr (tiled) cell |= landed.tile[i] << shape.table_shift;
+    ++counts[cell];
+  }
+}
+}  // namespace
+
+void count(const Landed& landed, const std::uint8_t* row_ranks, const std::uint8_t* plane, const CountsShape& shape,
+           bool tiled, std::uint32_t* counts) {
+  if (tiled)
+    count_all<true>(landed, row_ranks, plane, shape, counts);
+  else
+    count_all<false>(landed, row_ranks, plane, shape, counts);
+}
+
+double sum_x_log_x(const double* values, std::size_t count) {
+  return HWY_DYNAMIC_DISPATCH(SumXLogX)(values, count);
+}
+
+const char* target_name() { return HWY_DYNAMIC_DISPATCH(TargetName)(); }
+
+}  // namespace calib::simd
+#endif

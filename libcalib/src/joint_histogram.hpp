@@ -1,0 +1,51 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include "calib/features.hpp"
+
+namespace calib {
+
+/// The points of a block that are in view.
+struct Landed {
+  static constexpr std::size_t capacity = 1024, slack = 64;  // whole vectors are written
+  std::size_t count = 0;
+  alignas(64) std::array<std::int32_t, capacity + slack> point;  // counted from the block's first
+  alignas(64) std::array<std::int32_t, capacity + slack> pixel;
+  alignas(64) std::array<std::int32_t, capacity + slack> tile;
+};
+
+/// Joint counts: rows are classes of the points' feature, columns of the pixels'. The last column takes the points that
+/// landed on no value. With tiles there is one such table per tile, one after the other.
+struct CountsShape {
+  int class_shift;   // a class is rank >> class_shift
+  int row_shift;     // log2 of a row's length
+  int table_shift;   // log2 of a table's length
+};
+
+/// The projection of a frame's points, with the grid's intrinsics.
+struct Projection {
+  std::array<float, 12> T_camera_lidar;  // row-major 3 x 4
+  BearingGrid grid;
+};
+
+namespace simd {
+
+/// Projects the points `first` .. `first + count`, at most `Landed::capacity` of them.
+void project(const FeatureSet& features, std::size_t first, std::size_t count, const Projection& projection,
+             bool with_tiles, Landed& landed);
+
+/// Adds the landed points to `counts`; `row_ranks` are the ranks of the block's points, `plane` is a plane of the grid.
+void count(const Landed& landed, const std::uint8_t* row_ranks, const std::uint8_t* plane, const CountsShape& shape,
+           bool tiled, std::uint32_t* counts);
+
+/// Sum of x log x.
+double sum_x_log_x(const double* values, std::size_t count);
+
+const char* target_name();
+
+}  // namespace simd
+}  // namespace calib
