@@ -1,0 +1,335 @@
+"""calib-eval as a person meets it, on a small simulated drive: results, errors, pictures."""
+
+import json
+import pathlib
+import shutil
+import subprocess
+import types
+
+import numpy as np
+import pytest
+from PIL import Image
+
+DONE, FAILED, USAGE = range(3)
+
+
+@pytest.fixture(scope="module")
+def evaluate(bin_dir):
+    """Runs calib-eval."""
+
+    def run(*arguments):
+        ended = subprocess.run([bin_dir / "calib-eval", *map(str, arguments)], capture_output=True, text=True, timeout=250)
+        return types.SimpleNamespace(exit=ended.returncode, out=ended.stdout, err=ended.stderr)
+
+    return run
+
+
+def dump(bin_dir, folder, *options):
+    """What calib-sim says of the recording that it has written."""
+    ended = subprocess.run([bin_dir / "calib-sim", "--dump", folder, "--rate", "0.2", *options], capture_output=True, text=True,
+                           timeout=250, check=True)
+    return json.loads(ended.stdout.splitlines()[-1])
+
+
+@pytest.fixture(scope="module")
+def stereo(bin_dir, tmp_path_factory):
+    """Options that name a drive in KITTI's layout and its stereo depth."""
+    said = dump(bin_dir, tmp_path_factory.mktemp("stereo"), "--width", "480", "--height", "144", "--frames", "5",
+                "--lidar-step-deg", "0.4", "--lidar-fov-deg", "140")
+    return ["--dataset", "kitti-raw", "--root", said["drive"], "--depth", "stereo"]
+
+
+@pytest.fixture(scope="module")
+def fisheye(bin_dir, tmp_path_factory):
+    """Options that name a list with true depth, seen through a fisheye."""
+    said = dump(bin_dir, tmp_path_factory.mktemp("fisheye"), "--camera", "fisheye-double-sphere", "--size", "240x240",
+                "--frames", "4", "--lidar-step-deg", "1")
+    return ["--dataset", "list", "--root", said["recording"], "--depth-dir", said["depth"], "--depth-kind", "range"]
+
+
+@pytest.fixture
+def own_drive(stereo, tmp_path):
+    """A copy of the drive, to be damaged: its date folder, its drive folder, and the options that name it."""
+    drive = pathlib.Path(stereo[3])
+    date = tmp_path / drive.parent.name
+    shutil.copytree(drive.parent, date)
+    return types.SimpleNamespace(date=date, drive=date / drive.name,
+                                 options=["--dataset", "kitti-raw", "--root", date / drive.name, "--depth", "stereo"])
+
+
+@pytest.fixture
+def own_list(fisheye, tmp_path):
+    """A copy of the list, to be damaged."""
+    folder = tmp_path / "list"
+    shutil.copytree(pathlib.Path(fisheye[3]).parent, folder)
+    return types.SimpleNamespace(folder=folder, yaml=folder / "recording.yaml",
+                                 options=["--dataset", "list", "--root", folder / "recording.yaml",
+                                          "--depth-dir", folder / "depth", "--depth-kind", "range"])
+
+
+def without_times(result):
+    for entry in result["cells"]:
+        del entry["seconds_per_run"]
+    for entry in result["runs"]:
+        del entry["seconds"]
+    return result
+
+
+def assert_a_picture(path):
+    pixels = np.asarray(Image.open(path).convert("L"), float)
+    assert pixels.shape[0] > 200 and pixels.shape[1] > 200, path
+    assert pixels.std() > 10, f"{path} is blank"
+
+
+def refusal(ended):
+    """The one line that says why."""
+    assert ended.exit == FAILED, ended.err
+    (line,) = ended.err.splitlines()
+    assert line.startswith("calib-eval: ")
+    return line
+
+
+# --- calibrate ---
+
+def test_small_errors_are_found_by_every_objective_but_the_weakest(evaluate, stereo, tmp_path):
+    ended = evaluate("calibrate", *stereo, "--objective", "default,d2d", "--objective", "i2i_nmi", "--rotation-deg", 1,
+                     "--starts", 6, "--json", tmp_path / "r.json")
+    assert ended.exit == DONE and ended.err == "", ended.err
+    cells = json.loads((tmp_path / "r.json").read_text())["cells"]
+    assert [cell["objective"] for cell in cells] == ["default", "d2d", "i2i_nmi"]
+    assert cells[0]["hits"] == 6 and cells[0]["hit_rotation_error_deg"] < 0.1
+    assert cells[1]["hits"] >= 4
+    heading, *lines = ended.out.splitlines()[1:]
+    assert "rotation error" in heading and len(lines) == 3
+    assert lines[0].split()[:7] == ["default", "3", "1", "deg", "-", "100.0", "%"]
+
+
+def test_rotation_and_translation_are_found_together(evaluate, stereo, tmp_path):
+    ended = evaluate("calibrate", *stereo, "--dof", 6, "--rotation-deg", 1, "--translation-cm", "0,25", "--starts", 5,
+                     "--json", tmp_path / "r.json")
+    assert ended.exit == DONE, ended.err
+    cells = json.loads((tmp_path / "r.json").read_text())["cells"]
+    assert [cell["translation_cm"] for cell in cells] == [0, 25]
+    for cell in cells:
+        assert cell["hits"] == 5 and cell["hit_translation_error_cm"] < 5
+        assert cell["best"]["observable"] == [True] * 6
+        assert all(sigma > 0 for sigma in cell["best"]["sigma_by_bootstrap"])
+
+
+def test_any_orientation_is_found_through_a_fisheye(evaluate, fisheye, tmp_path):
+    ended = evaluate("calibrate", *fisheye, "--rotation-deg", "20,180", "--starts", 3, "--json", tmp_path / "r.json")
+    assert ended.exit == DONE, ended.err
+    result = json.loads((tmp_path / "r.json").read_text())
+    assert [cell["hits"] for cell in result["cells"]] == [3, 3]
+    assert result["recording"]["camera"]["model"] == "double_sphere"
+    assert "any" in ended.out.splitlines()[-1]
+
+
+def test_the_result_says_all_that_its_summary_comes_from(evaluate, stereo, tmp_path):
+    assert evaluate("calibrate", *stereo, "--rotation-deg", "2", "--starts", 5, "--frames", 4, "--seed", 9, "--threads", 2,
+                    "--json", tmp_path / "r.json").exit == DONE
+    result = json.loads((tmp_path / "r.json").read_text())
+    assert result["schema"] == 1 and result["kind"] == "calibrate" and result["seed"] == 9
+    assert result["command"] == ["calib-eval", "calibrate", *stereo, "--rotation-deg", "2", "--starts", "5", "--frames", "4",
+                                 "--seed", "9"]
+    assert len(result["recording"]["frames"]) == 4 and result["recording"]["left_out"] == []
+    (cell,) = result["cells"]
+    assert (cell["starts"], cell["dof"], cell["rotation_deg"], cell["translation_cm"]) == (5, 3, 2, 0)
+    runs = result["runs"]
+    assert [run["run"] for run in runs] == list(range(5)) and {run["cell"] for run in runs} == {0}
+    assert cell["hits"] == sum(run["hit"] for run in runs) and cell["hit_rate"] == cell["hits"] / 5
+    for run in runs:
+        assert np.linalg.norm(run["start"][:3]) == pytest.approx(2, rel=1e-6) and run["start"][3:] == [0, 0, 0]
+        assert run["hit"] == (run["rotation_error_deg"] < 0.5)
+        assert run["score_after"] > run["score_before"]
+    ends = np.array([run["end"] for run in runs])
+    assert cell["all_mean"] == pytest.approx(ends.mean(axis=0), abs=1e-9)
+    assert cell["all_std"] == pytest.approx(ends.std(axis=0, ddof=1), abs=1e-9)
+    assert cell["hit_rotation_error_deg"] == pytest.approx(np.mean([run["rotation_error_deg"] for run in runs if run["hit"]]))
+
+
+def test_the_same_seed_gives_the_same_result_with_any_number_of_threads(evaluate, stereo, tmp_path):
+    results = []
+    for threads in (1, 3):
+        path = tmp_path / f"{threads}.json"
+        assert evaluate("calibrate", *stereo, "--rotation-deg", "1,180", "--depth-bias", 0.2, "--starts", 3, "--threads", threads,
+                        "--json", path).exit == DONE
+        results.append(without_times(json.loads(path.read_text())))
+    assert results[0] == results[1]
+    assert len(results[0]["runs"]) == 6
+
+
+def test_another_seed_gives_other_orientations(evaluate, stereo, tmp_path):
+    starts = []
+    for seed in (1, 2):
+        assert evaluate("calibrate", *stereo, "--rotation-deg", 180, "--starts", 1, "--seed", seed, "--frames", 3,
+                        "--json", tmp_path / "r.json").exit == DONE
+        starts.append(json.loads((tmp_path / "r.json").read_text())["runs"][0]["start"])
+    assert starts[0] != starts[1]
+
+
+def test_biased_depth_is_worse_depth(evaluate, fisheye, tmp_path):
+    scores = []
+    for bias in (0, 0.5):
+        path = tmp_path / f"{bias}.json"
+        assert evaluate("curve", *fisheye, "--depth-bias", bias, "--points", 3, "--json", path).exit == DONE
+        scores.append(json.loads(path.read_text())["curves"][0]["score"][1])
+    assert scores[1] < scores[0]
+
+
+# --- curve, surface, plot ---
+
+def test_scores_are_best_near_the_truth(evaluate, stereo, tmp_path):
+    ended = evaluate("curve", *stereo, "--objective", "default,i2i", "--points", 11, "--json", tmp_path / "c.json")
+    assert ended.exit == DONE, ended.err
+    result = json.loads((tmp_path / "c.json").read_text())
+    assert result["kind"] == "curve"
+    curves = {(curve["objective"], curve["axis"]): curve for curve in result["curves"]}
+    assert len(curves) == 12
+    for axis in ("roll", "pitch", "yaw"):
+        curve = curves["default", axis]
+        assert curve["unit"] == "deg" and curve["offset"][::5] == [-5, 0, 5]
+        assert np.argmax(curve["score"]) == 5
+    assert "default scores best at roll 0 deg" in ended.out
+    assert evaluate("plot", tmp_path / "c.json").out.split() == [str(tmp_path / "c" / "curves.png")]
+    assert_a_picture(tmp_path / "c" / "curves.png")
+
+
+def test_a_surface_crosses_the_curves_in_the_middle(evaluate, fisheye, tmp_path):
+    for command in (["curve"], ["surface", "--axes", "pitch:z,yaw:roll"]):
+        ended = evaluate(*command, *fisheye, "--points", 5, "--range-deg", 2, "--range-cm", 40, "--json",
+                         tmp_path / f"{command[0]}.json")
+        assert ended.exit == DONE, ended.err
+    curves = {curve["axis"]: curve for curve in json.loads((tmp_path / "curve.json").read_text())["curves"]}
+    surfaces = json.loads((tmp_path / "surface.json").read_text())["surfaces"]
+    assert [surface["axes"] for surface in surfaces] == [["pitch", "z"], ["yaw", "roll"]]
+    for surface in surfaces:
+        score = np.array(surface["score"])
+        assert surface["offset"][0] == curves[surface["axes"][0]]["offset"]
+        assert list(score[:, 2]) == curves[surface["axes"][0]]["score"]
+        assert list(score[2]) == curves[surface["axes"][1]]["score"]
+    drawn = evaluate("plot", tmp_path / "surface.json", "--out", tmp_path / "pictures")
+    assert drawn.exit == DONE, drawn.err
+    assert_a_picture(tmp_path / "pictures" / "surfaces_default.png")
+
+
+def test_figures_show_a_run_before_and_after(evaluate, stereo, tmp_path):
+    ended = evaluate("calibrate", *stereo, "--dof", 6, "--objective", "default,i2i", "--rotation-deg", 1, "--translation-cm", 25,
+                     "--starts", 3, "--json", tmp_path / "r.json", "--figures", tmp_path / "shots")
+    assert ended.exit == DONE, ended.err
+    figures = json.loads((tmp_path / "r.json").read_text())["figures"]
+    assert [figure["features"] for figure in figures] == ["depth", "intensity"]
+    for figure in figures:
+        before, after, truth = figure["views"]
+        assert [view["view"] for view in figure["views"]] == ["start", "end", "truth"]
+        for view in figure["views"]:
+            assert len(view["histogram"]) == figure["classes"] ** 2 and sum(view["histogram"]) > 500
+            assert (tmp_path / view["overlay"]).is_file()
+    before, after, truth = figures[0]["views"]
+    assert after["score"] > before["score"] and after["score"] == pytest.approx(truth["score"], abs=0.01)
+    (tmp_path / figures[1]["views"][0]["overlay"]).unlink()
+
+    drawn = evaluate("plot", tmp_path / "r.json", "--out", tmp_path / "pictures")
+    assert drawn.exit == DONE and "cannot be read" in drawn.err
+    names = {pathlib.Path(line).name for line in drawn.out.splitlines()}
+    cell = "default_6dof_1deg_25cm.png"
+    assert {f"bullseye_rotation_{cell}", f"bullseye_translation_{cell}", f"histograms_{cell}", f"overlay_{cell}",
+            "hits_6dof.png"} < names
+    for line in drawn.out.splitlines():
+        assert_a_picture(line)
+
+
+@pytest.mark.parametrize("text", ["no json", "[]", '{"schema": 2, "kind": "curve"}', '{"schema": 1, "kind": "song"}',
+                                  '{"schema": 1, "kind": "curve"}'])
+def test_plot_refuses_what_is_no_result_in_one_line(evaluate, tmp_path, text):
+    (tmp_path / "r.json").write_text(text)
+    refusal(evaluate("plot", tmp_path / "r.json"))
+
+
+# --- bad recordings, bad words ---
+
+@pytest.mark.parametrize("command", ["calibrate", "curve"])
+def test_a_missing_calibration_is_told(evaluate, own_drive, command):
+    (own_drive.date / "calib_velo_to_cam.txt").unlink()
+    assert "calib_velo_to_cam.txt" in refusal(evaluate(command, *own_drive.options))
+
+
+def test_an_extrinsic_of_the_wrong_direction_is_told(evaluate, own_drive):
+    path = own_drive.date / "calib_velo_to_cam.txt"
+    rows = dict(line.split(":", 1) for line in path.read_text().splitlines())
+    R = np.array(rows["R"].split(), float).reshape(3, 3)
+    t = np.array(rows["T"].split(), float)
+    path.write_text(f"R: {' '.join(map(str, R.T.ravel()))}\nT: {' '.join(map(str, -R.T @ t))}\n")
+    assert "inverse, T_lidar_camera" in refusal(evaluate("calibrate", *own_drive.options))
+
+
+def test_images_and_clouds_that_do_not_pair_are_told(evaluate, own_list):
+    for path in list((own_list.folder / "clouds").iterdir()):
+        path.rename(path.with_name("other" + path.name))
+    line = refusal(evaluate("calibrate", *own_list.options))
+    assert "images" in line and "clouds" in line
+
+
+def test_an_empty_cloud_is_told(evaluate, own_list):
+    cloud = sorted((own_list.folder / "clouds").iterdir())[-1]
+    cloud.write_bytes(b"")
+    assert cloud.name in refusal(evaluate("calibrate", *own_list.options))
+
+
+def test_no_recording_at_all_is_told(evaluate, tmp_path):
+    refusal(evaluate("surface", "--dataset", "list", "--root", tmp_path / "none.yaml", "--depth", "stereo", "--json",
+                     tmp_path / "s.json"))
+    assert not (tmp_path / "s.json").exists()
+
+
+def test_a_frame_without_depth_is_left_out_and_too_few_are_too_few(evaluate, own_list):
+    depths = sorted((own_list.folder / "depth").iterdir())
+    depths[0].unlink()
+    ended = evaluate("calibrate", *own_list.options, "--rotation-deg", 1, "--starts", 1)
+    assert ended.exit == DONE and ended.out.startswith("3 frames")
+    (line,) = ended.err.splitlines()
+    assert depths[0].stem in line and "left out" in line
+    depths[1].unlink()
+    assert "2 of 4 frames can be used" in refusal(evaluate("calibrate", *own_list.options))
+
+
+def test_stereo_depth_without_right_images_is_told(evaluate, fisheye):
+    assert "right images" in refusal(evaluate("calibrate", *fisheye[:4], "--depth", "stereo"))
+
+
+def test_a_result_that_cannot_be_written_is_told(evaluate, fisheye, tmp_path):
+    ended = evaluate("curve", *fisheye, "--points", 3, "--json", tmp_path / "missing" / "c.json")
+    assert "cannot be written" in refusal(ended)
+
+
+@pytest.mark.parametrize("arguments, told", [
+    ([], "subcommand"),
+    (["calibrate"], "--dataset"),
+    (["calibrate", "--dataset", "kitti-raw", "--root", "x"], "--depth"),
+    (["calibrate", "--dataset", "waymo", "--root", "x", "--depth", "stereo"], "kitti-360"),
+    (["calibrate", "--dataset", "list", "--root", "x", "--depth", "guess"], "stereo"),
+    (["calibrate", "--dataset", "list", "--root", "x", "--depth-dir", "x"], "--depth-kind"),
+    (["calibrate", "--dataset", "list", "--root", "x", "--depth-dir", "x", "--depth-kind", "colour"], "colour"),
+    (["calibrate", "--dataset", "list", "--root", "x", "--depth", "stereo", "--depth-scale", "2"], "--depth-dir"),
+    (["calibrate", "--dataset", "list", "--root", "x", "--depth", "stereo", "--camera", "image_02"], "--camera"),
+    (["calibrate", "--dataset", "kitti-360", "--root", "x", "--depth", "stereo"], "--drive"),
+    (["calibrate", "--dataset", "list", "--root", "x", "--depth", "stereo", "--objective", "d2d,best"], "i2i_nmi"),
+    (["calibrate", "--dataset", "list", "--root", "x", "--depth", "stereo", "--rotation-deg", "120"], "120"),
+    (["calibrate", "--dataset", "list", "--root", "x", "--depth", "stereo", "--rotation-deg", "many"], "many"),
+    (["calibrate", "--dataset", "list", "--root", "x", "--depth", "stereo", "--translation-cm", "25"], "--dof 6"),
+    (["calibrate", "--dataset", "list", "--root", "x", "--depth", "stereo", "--dof", "4"], "4"),
+    (["calibrate", "--dataset", "list", "--root", "x", "--depth", "stereo", "--frames", "2"], "2"),
+    (["calibrate", "--dataset", "list", "--root", "x", "--depth", "stereo", "--figures", "f"], "--json"),
+    (["surface", "--dataset", "list", "--root", "x", "--depth", "stereo"], "--json"),
+    (["surface", "--dataset", "list", "--root", "x", "--depth", "stereo", "--json", "j", "--axes", "up:down"], "up:down"),
+    (["plot", "none.json"], "none.json"),
+])
+def test_nonsense_is_a_usage_error_that_names_it(evaluate, arguments, told):
+    ended = evaluate(*arguments)
+    assert ended.exit == USAGE and told in ended.err and ended.out == ""
+
+
+def test_help_and_version_are_answers(evaluate):
+    assert evaluate("--version").out.startswith("calib-eval ")
+    for words in ([], ["calibrate"], ["curve"], ["surface"], ["plot"]):
+        assert evaluate(*words, "--help").exit == DONE

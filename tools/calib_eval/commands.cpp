@@ -1,0 +1,139 @@
+#include "calib_eval/commands.hpp"
+
+#include <unistd.h>
+
+#include <iostream>
+
+#include "calib_eval/progress.hpp"
+#include "calib_eval/report.hpp"
+
+namespace calib::eval {
+namespace {
+
+Result<Footage> read(const FootageOptions& options) {
+  auto footage = Footage::read(options);
+  if (footage)
+    for (const std::string& line : footage->left_out) std::cerr << "calib-eval: " << escape_control(line) << '\n';
+  return footage;
+}
+
+std::vector<Cell> cells_of(const CalibrateOptions& options) {
+  std::vector<Cell> cells;
+  for (const Method method : options.methods)
+    for (const double rotation : options.rotation_deg)
+      for (const double translation : options.translation_cm)
+        cells.push_back({method, options.degrees_of_freedom, {rotation, translation}});
+  return cells;
+}
+
+std::string name_of(const Cell& cell) {
+  char name[64];
+  std::snprintf(name, sizeof name, "%s, %g deg, %g cm", std::string(to_string(cell.method)).c_str(),
+                cell.range.rotation_deg, cell.range.translation_cm);
+  return name;
+}
+
+/// Features for looking around: made once, for all objectives.
+Result<std::vector<FeatureSet>> features_around(const Footage& footage, const LandscapeOptions& options, int threads) {
+  bool linear = false;
+  for (const Method method : options.methods) linear |= needs_linear_features(method);
+  return footage.features({.bounds = options.around.bounds(), .linear = linear}, threads);
+}
+
+std::array<bool, 6> released(int degrees_of_freedom) { return Cell{{}, degrees_of_freedom, {}}.released(); }
+
+Result<void> write_if_wanted(const std::filesystem::path& file, const Json& json) {
+  return file.empty() ? Result<void>{} : write_json(file, json);
+}
+
+std::string frames_line(const Footage& footage) {
+  return std::to_string(footage.frames.size()) + " frames, vector instructions " + std::string(vector_instructions());
+}
+
+}  // namespace
+
+Result<void> calibrate(const FootageOptions& footage_options, const CalibrateOptions& options,
+                       const CommandWords& words) {
+  const auto footage = read(footage_options);
+  if (!footage) return tl::unexpected(footage.error());
+  Json result = describe("calibrate", words, footage_options, *footage);
+  result["cells"] = Json::array();
+  result["runs"] = Json::array();
+  if (!options.figures.empty()) result["figures"] = Json::array();
+
+  std::cout << frames_line(*footage) << ", " << options.starts << " starts\n" << table_heading() << std::endl;
+  const std::vector<Cell> cells = cells_of(options);
+  for (std::size_t i = 0; i < cells.size(); ++i) {
+    const auto experiment = [&] {
+      Progress progress(name_of(cells[i]), static_cast<std::size_t>(options.starts));
+      return conduct(*footage, cells[i],
+                     {options.starts, footage_options.seed, footage_options.threads, [&] { progress.step(); }});
+    }();
+    if (!experiment) return tl::unexpected(experiment.error());
+    std::cout << table_line(*experiment) << unobservable(*experiment) << std::endl;
+    result["cells"].push_back(to_json(*experiment));
+    for (Json& run : runs_to_json(*experiment, i)) result["runs"].push_back(std::move(run));
+    if (options.figures.empty()) continue;
+    const auto figure = draw(*footage, *experiment, options.figures);
+    if (!figure) return tl::unexpected(figure.error());
+    if (*figure) result["figures"].push_back(to_json(**figure, i, absolute(options.json).parent_path()));
+  }
+  return write_if_wanted(options.json, result);
+}
+
+Result<void> curves(const FootageOptions& footage_options, const LandscapeOptions& options,
+                    const CommandWords& words) {
+  const auto footage = read(footage_options);
+  if (!footage) return tl::unexpected(footage.error());
+  const auto features = features_around(*footage, options, footage_options.threads);
+  if (!features) return tl::unexpected(features.error());
+  const auto frames = pointers(*features);
+  Json result = describe("curve", words, footage_options, *footage);
+  result["curves"] = Json::array();
+  std::cout << frames_line(*footage) << '\n';
+  for (const Method method : options.methods) {
+    const Objective objective = final_objective(method, released(options.degrees_of_freedom));
+    std::cout << to_string(method) << " scores best at";
+    for (int axis = 0; axis < 6; ++axis) {
+      const Curve along =
+          curve(frames, footage->T_camera_lidar, objective, axis, options.around, footage_options.threads);
+      std::cout << (axis == 0 ? " " : ", ") << axis_names[axis] << ' ' << along.peak() << ' ' << unit_of(axis);
+      result["curves"].push_back(to_json(along, method, options.degrees_of_freedom));
+    }
+    std::cout << std::endl;
+  }
+  return write_if_wanted(options.json, result);
+}
+
+Result<void> surfaces(const FootageOptions& footage_options, const LandscapeOptions& options,
+                      const CommandWords& words) {
+  const auto footage = read(footage_options);
+  if (!footage) return tl::unexpected(footage.error());
+  const auto features = features_around(*footage, options, footage_options.threads);
+  if (!features) return tl::unexpected(features.error());
+  const auto frames = pointers(*features);
+  Json result = describe("surface", words, footage_options, *footage);
+  result["surfaces"] = Json::array();
+  Progress progress("surfaces", options.methods.size() * options.axis_pairs.size());
+  for (const Method method : options.methods) {
+    const Objective objective = final_objective(method, released(options.degrees_of_freedom));
+    for (const auto& axes : options.axis_pairs) {
+      const Surface over =
+          surface(frames, footage->T_camera_lidar, objective, axes, options.around, footage_options.threads);
+      result["surfaces"].push_back(to_json(over, method, options.degrees_of_freedom));
+      progress.step();
+    }
+  }
+  return write_json(options.json, result);
+}
+
+Result<void> plot(const std::filesystem::path& result, const std::filesystem::path& folder) {
+  std::error_code error;
+  const auto program = std::filesystem::read_symlink("/proc/self/exe", error);
+  // As installed, and as in a build folder.
+  const auto script = program.parent_path().parent_path() / "share" / "calibd" / "calib-eval-plot";
+  execl(script.c_str(), script.c_str(), "--out", folder.c_str(), "--", result.c_str(), static_cast<char*>(nullptr));
+  return fail("plot_missing", script.string() + " cannot be run: calib-eval is not installed as a whole");
+}
+
+}  // namespace calib::eval

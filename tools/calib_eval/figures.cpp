@@ -1,0 +1,81 @@
+#include "calib_eval/figures.hpp"
+
+#include <cmath>
+#include <cstdio>
+
+#include "vehicle/overlay.hpp"
+
+namespace calib::eval {
+namespace {
+
+/// The pixel of the frame's grid that a point lands on, rounded to the nearest as scores do.
+std::optional<std::size_t> pixel_of(const BearingGrid& grid, const Eigen::Vector3d& p_camera) {
+  const double denominator = p_camera.z() + (grid.xi != 0 ? grid.xi * p_camera.norm() : 0);
+  if (denominator <= 1e-6) return std::nullopt;
+  const double u = std::floor(grid.fx * p_camera.x() / denominator + grid.cx + 0.5);
+  const double v = std::floor(grid.fy * p_camera.y() / denominator + grid.cy + 0.5);
+  if (!(u >= 0 && u < grid.width && v >= 0 && v < grid.height)) return std::nullopt;
+  return static_cast<std::size_t>(v) * grid.width + static_cast<std::size_t>(u);
+}
+
+Features features_of(const Objective& objective) {
+  const FeaturePair first = objective.terms[0].features;
+  return first == FeaturePair::intensity || first == FeaturePair::linear_intensity ? Features::intensity
+                                                                                   : Features::depth;
+}
+
+}  // namespace
+
+JointHistogram joint_histogram(const FeatureSet& frame, const RigidTransform& T_camera_lidar, Features features) {
+  constexpr int ranks_per_class = FeatureSet::ranks / JointHistogram::classes;
+  const bool of_depth = features == Features::depth;
+  const auto& points = of_depth ? frame.range_rank : frame.reflectance_rank;
+  const auto& pixels = of_depth ? frame.planes->depth_rank : frame.planes->grey_rank;
+  JointHistogram histogram;
+  if (points.empty() || pixels.empty()) return histogram;
+  for (std::size_t i = 0; i < frame.points(); ++i) {
+    const Eigen::Vector3d p_lidar(frame.x_m[i], frame.y_m[i], frame.z_m[i]);
+    const auto pixel = pixel_of(frame.planes->grid, T_camera_lidar * p_lidar);
+    if (!pixel || points[i] >= FeatureSet::ranks || pixels[*pixel] >= FeatureSet::ranks) continue;
+    ++histogram.counts[points[i] / ranks_per_class * JointHistogram::classes + pixels[*pixel] / ranks_per_class];
+  }
+  return histogram;
+}
+
+Result<std::optional<Figure>> draw(const Footage& footage, const Experiment& experiment,
+                                   const std::filesystem::path& folder) {
+  const Cell& cell = experiment.cell;
+  Figure figure;
+  figure.run = experiment.runs.size() / 2;
+  const Run& run = experiment.runs[figure.run];
+  if (!run.result) return std::nullopt;
+  const Footage::Frame& frame = footage.frames[footage.frames.size() / 2];
+  const auto features =
+      make_features(frame.pair, frame.depth, footage.camera, footage.T_camera_lidar,
+                    {.bounds = reach(cell.range), .linear = needs_linear_features(cell.method)});
+  if (!features) return tl::unexpected(features.error());
+  const Objective& objective = run.result->objective;
+  figure.features = features_of(objective);
+
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);  // if it cannot be made, writing into it says so
+  figure.frame = frame.name;
+  char stem[96];
+  std::snprintf(stem, sizeof stem, "%s_%ddof_%gdeg_%gcm_", std::string(to_string(cell.method)).c_str(),
+                cell.degrees_of_freedom, cell.range.rotation_deg, cell.range.translation_cm);
+  const struct {
+    const char* name;
+    RigidTransform motion;
+  } views[] = {{"start", run.start}, {"end", run.end}, {"truth", RigidTransform::Identity()}};
+  for (const auto& [name, motion] : views) {
+    const RigidTransform T_camera_lidar = footage.T_camera_lidar * motion;
+    const auto file = folder / (std::string(stem) + name + ".png");
+    if (auto written = vehicle::write_overlay(file, frame.pair, footage.camera, T_camera_lidar); !written)
+      return tl::unexpected(written.error());
+    figure.views.push_back({name, score(*features, T_camera_lidar, objective).value,
+                            joint_histogram(*features, T_camera_lidar, figure.features), file});
+  }
+  return figure;
+}
+
+}  // namespace calib::eval

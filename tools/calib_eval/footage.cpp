@@ -1,0 +1,121 @@
+#include "calib_eval/footage.hpp"
+
+#include "calib/depth_stereo.hpp"
+#include "calib_eval/parallel.hpp"
+#include "dataset/depth_files.hpp"
+#include "dataset/extrinsic_check.hpp"
+
+namespace calib::eval {
+namespace {
+
+Result<Recording> open(const FootageOptions& options) {
+  if (options.dataset == "kitti-raw")
+    return open_kitti_raw(options.root, options.camera.empty() ? "image_02" : options.camera);
+  if (options.dataset == "kitti-360")
+    return open_kitti_360(options.root, options.drive, options.camera.empty() ? "image_00" : options.camera);
+  return open_list(options.root);
+}
+
+Result<DepthMap> depth_of(const FootageOptions& options, const Recording& recording, const std::string& name,
+                          const FramePair& pair) {
+  const auto unbiased = [&]() -> Result<DepthMap> {
+    if (options.depth == "stereo") {
+      // One for each frame, as they keep scratch memory and frames are read side by side.
+      const auto stereo = make_stereo_depth(recording.camera(), *recording.baseline_m());
+      if (!stereo) return tl::unexpected(stereo.error());
+      return (*stereo)->estimate(pair);
+    }
+    const auto kind = parse_depth_kind(options.depth_kind);
+    if (!kind) return tl::unexpected(kind.error());
+    return read_depth({options.depth_dir, *kind, options.depth_scale}, name, recording.camera(),
+                      recording.baseline_m());
+  };
+  auto depth = unbiased();
+  if (depth && options.depth_bias > 0) add_smooth_bias(*depth, options.depth_bias, options.seed);
+  return depth;
+}
+
+/// A frame of the recording: read, or why it cannot be; and, where it can, why it is of no use.
+struct Reading {
+  Result<FramePair> pair = fail("not_read", "");
+  Result<DepthMap> depth = fail("not_read", "");
+  std::optional<Error> useless;
+};
+
+Reading read_frame(const FootageOptions& options, const Recording& recording, std::size_t index) {
+  Reading reading;
+  reading.pair = recording.frame(index);
+  if (!reading.pair) return reading;
+  reading.depth = depth_of(options, recording, recording.frame_name(index), *reading.pair);
+  if (!reading.depth) {
+    reading.useless = reading.depth.error();
+    return reading;
+  }
+  const auto features =
+      make_features(*reading.pair, *reading.depth, recording.camera(), recording.T_camera_lidar(), {});
+  if (!features) reading.useless = features.error();
+  return reading;
+}
+
+}  // namespace
+
+std::vector<std::size_t> spread_evenly(std::size_t available, std::size_t wanted) {
+  const std::size_t count = std::min(available, wanted);
+  std::vector<std::size_t> indices;
+  for (std::size_t i = 0; i < count; ++i)
+    indices.push_back(count == 1 ? available / 2 : (i * (available - 1) + (count - 1) / 2) / (count - 1));
+  return indices;
+}
+
+Result<Footage> Footage::read(const FootageOptions& options) {
+  const auto recording = open(options);
+  if (!recording) return tl::unexpected(recording.error());
+  if (options.depth == "stereo" && !recording->has_stereo())
+    return fail("stereo_missing", options.root.string() + " has no right images, or no baseline is known: stereo depth "
+                                                          "needs both; give depth files (--depth-dir) instead");
+  const auto indices = spread_evenly(recording->size(), static_cast<std::size_t>(options.frames));
+  std::vector<Reading> readings(indices.size());
+  parallel_for(indices.size(), options.threads,
+               [&](std::size_t i) { readings[i] = read_frame(options, *recording, indices[i]); });
+
+  Footage footage{recording->camera(), recording->T_camera_lidar(), {}, {}};
+  for (std::size_t i = 0; i < indices.size(); ++i) {
+    Reading& reading = readings[i];
+    if (!reading.pair) return tl::unexpected(reading.pair.error());
+    // Before frames are blamed for what the extrinsic does.
+    if (i == 0)
+      if (auto plausible = check_extrinsic(footage.camera, footage.T_camera_lidar, reading.pair->scan); !plausible)
+        return tl::unexpected(plausible.error());
+    const std::string& name = recording->frame_name(indices[i]);
+    if (reading.useless)
+      footage.left_out.push_back("frame " + name + " is left out: " + reading.useless->context);
+    else
+      footage.frames.push_back({name, *std::move(reading.pair), *std::move(reading.depth)});
+  }
+  if (footage.frames.size() < fewest_frames)
+    return fail("too_few_frames", std::to_string(footage.frames.size()) + " of " + std::to_string(indices.size()) +
+                                      " frames can be used, and " + std::to_string(fewest_frames) + " are needed" +
+                                      (footage.left_out.empty() ? "" : "; " + footage.left_out.front()));
+  return footage;
+}
+
+Result<std::vector<FeatureSet>> Footage::features(const FeatureSettings& settings, int threads) const {
+  std::vector<Result<FeatureSet>> made(frames.size(), fail("not_made", ""));
+  parallel_for(frames.size(), threads, [&](std::size_t i) {
+    made[i] = make_features(frames[i].pair, frames[i].depth, camera, T_camera_lidar, settings);
+  });
+  std::vector<FeatureSet> features;
+  for (auto& one : made) {
+    if (!one) return tl::unexpected(one.error());
+    features.push_back(*std::move(one));
+  }
+  return features;
+}
+
+std::vector<const FeatureSet*> pointers(const std::vector<FeatureSet>& features) {
+  std::vector<const FeatureSet*> pointers;
+  for (const FeatureSet& set : features) pointers.push_back(&set);
+  return pointers;
+}
+
+}  // namespace calib::eval

@@ -1,0 +1,59 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "calib/features.hpp"
+#include "dataset/recording.hpp"
+
+namespace calib::eval {
+
+/// Which frames of which recording, and where their depth comes from.
+struct FootageOptions {
+  std::string dataset;  // kitti-raw, kitti-360 or list
+  std::filesystem::path root;
+  std::string drive, camera;  // empty: the layout's usual camera
+  std::string depth;          // stereo; empty: from files
+  std::filesystem::path depth_dir;
+  std::string depth_kind;
+  std::optional<double> depth_scale;
+  double depth_bias = 0;
+  std::uint64_t seed = 1;
+  int frames = 25;
+  int threads = 1;
+};
+
+/// Frames that can be evaluated, with their depth. What is wrong with the others is in `left_out`, a sentence each.
+struct Footage {
+  struct Frame {
+    std::string name;
+    FramePair pair;
+    DepthMap depth;
+  };
+
+  Camera camera;
+  RigidTransform T_camera_lidar;
+  std::vector<Frame> frames;
+  std::vector<std::string> left_out;
+
+  /// Fewer say nothing worth knowing.
+  static constexpr std::size_t fewest_frames = 3;
+
+  /// Reads `options.frames` frames spread evenly over the recording (all, where it has no more), and makes or reads
+  /// their depth. Fails as opening the recording and reading its frames do; with `extrinsic_implausible`; with
+  /// `stereo_missing`; and with `too_few_frames`. Frames without usable depth or overlap are left out.
+  [[nodiscard]] static Result<Footage> read(const FootageOptions& options);
+
+  /// Features of all frames at the recording's extrinsic. Fails as `make_features` does.
+  [[nodiscard]] Result<std::vector<FeatureSet>> features(const FeatureSettings& settings, int threads) const;
+};
+
+/// Numbers of `wanted` out of `available` frames, spread evenly from the first to the last.
+[[nodiscard]] std::vector<std::size_t> spread_evenly(std::size_t available, std::size_t wanted);
+
+[[nodiscard]] std::vector<const FeatureSet*> pointers(const std::vector<FeatureSet>& features);
+
+}  // namespace calib::eval

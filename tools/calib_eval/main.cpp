@@ -1,0 +1,228 @@
+#include <CLI/CLI.hpp>
+#include <functional>
+#include <iostream>
+#include <thread>
+
+#include "calib_eval/commands.hpp"
+#include "calib_eval/starts.hpp"
+#include "dataset/depth_files.hpp"
+
+namespace calib::eval {
+namespace {
+
+/// A check for CLI11 from a parser that returns a `Result`.
+template <typename Parser>
+CLI::Validator parses(const Parser& parser, const std::string& what) {
+  return CLI::Validator(
+      [parser](std::string& text) {
+        const auto parsed = parser(text);
+        return parsed ? std::string() : parsed.error().context;
+      },
+      what);
+}
+
+/// Everything that the command line can say.
+class CommandLine {
+ public:
+  CommandLine(int argc, char** argv);
+  Result<void> run() const { return command_(); }
+  CLI::App app{"How well an extrinsic is found on recorded frames, and what its score looks like", "calib-eval"};
+
+ private:
+  CLI::App* subcommand(const std::string& name, const std::string& what, std::function<Result<void>()> run);
+  void add_recording(CLI::App& to);
+  void add_objectives(CLI::App& to);
+  void add_calibrate();
+  void add_landscape(const std::string& name, const std::string& what, bool of_pairs);
+  void add_plot();
+  void check_recording() const;
+  void finish_calibrate();
+
+  CommandWords words_;
+  FootageOptions footage_;
+  CalibrateOptions calibrate_;
+  LandscapeOptions landscape_;
+  std::vector<std::string> objectives_, axis_pairs_;
+  std::filesystem::path plotted_, plots_;
+  int degrees_of_freedom_ = 0;
+  std::function<Result<void>()> command_;
+};
+
+/// The words of the command without --threads and --json, which change nothing in the result.
+CommandWords telling_words(int argc, char** argv) {
+  CommandWords words{"calib-eval"};
+  for (int i = 1; i < argc; ++i) {
+    const std::string word = argv[i], name = word.substr(0, word.find('='));
+    if (name != "--threads" && name != "--json")
+      words.push_back(word);
+    else if (name == word)
+      ++i;
+  }
+  return words;
+}
+
+CommandLine::CommandLine(int argc, char** argv) : words_(telling_words(argc, argv)) {
+  footage_.threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
+  app.require_subcommand(1);
+  app.set_version_flag("--version", "calib-eval " CALIBD_VERSION);
+  add_calibrate();
+  add_landscape("curve", "Scores along each axis about the recording's extrinsic", false);
+  add_landscape("surface", "Scores over pairs of axes about the recording's extrinsic", true);
+  add_plot();
+}
+
+CLI::App* CommandLine::subcommand(const std::string& name, const std::string& what,
+                                  std::function<Result<void>()> run) {
+  CLI::App* const added = app.add_subcommand(name, what);
+  added->callback([this, run = std::move(run)] { command_ = run; });
+  return added;
+}
+
+void CommandLine::add_recording(CLI::App& to) {
+  to.add_option("--dataset", footage_.dataset, "Layout of the recording")
+      ->required()
+      ->check(CLI::IsMember({"kitti-raw", "kitti-360", "list"}));
+  to.add_option("--root", footage_.root, "DATE/DRIVE of kitti-raw, root of kitti-360, YAML file of a list")->required();
+  to.add_option("--drive", footage_.drive, "Drive of kitti-360");
+  to.add_option("--camera", footage_.camera,
+                "image_00 .. image_03; default image_02 of kitti-raw, image_00 of kitti-360");
+  auto* const source = to.add_option("--depth", footage_.depth, "Depth that is made")->check(CLI::IsMember({"stereo"}));
+  auto* const folder = to.add_option("--depth-dir", footage_.depth_dir, "Depth from the files of this folder");
+  auto* const kind = to.add_option("--depth-kind", footage_.depth_kind, "disparity, inverse, depth or range")
+                         ->check(parses(parse_depth_kind, "KIND"));
+  folder->needs(kind)->excludes(source);
+  kind->needs(folder);
+  to.add_option("--depth-scale", footage_.depth_scale, "What is stored divided by this is the value")
+      ->needs(folder)
+      ->check(CLI::PositiveNumber);
+  to.add_option("--depth-bias", footage_.depth_bias, "Spoil the depth by a smooth random field of this amplitude")
+      ->check(CLI::Range(0.0, 0.99))
+      ->capture_default_str();
+  to.add_option("--seed", footage_.seed, "Which field, and which orientations")->capture_default_str();
+  to.add_option("--frames", footage_.frames, "So many, spread evenly over the recording")
+      ->check(CLI::Range(static_cast<int>(Footage::fewest_frames), 10000))
+      ->capture_default_str();
+  to.add_option("--threads", footage_.threads, "The result does not depend on it")
+      ->check(CLI::Range(1, 1024))
+      ->capture_default_str();
+}
+
+void CommandLine::add_objectives(CLI::App& to) {
+  to.add_option("--objective", objectives_, "default, d2d, i2i or i2i_nmi; several with commas")
+      ->delimiter(',')
+      ->check(parses(parse_method, "NAME"));
+  to.add_option("--dof", degrees_of_freedom_, "3: rotation only, 6: rotation and translation")
+      ->check(CLI::IsMember({3, 6}));
+}
+
+void CommandLine::check_recording() const {
+  if (footage_.depth.empty() && footage_.depth_dir.empty()) throw CLI::RequiredError("--depth stereo or --depth-dir");
+  if (footage_.dataset == "kitti-360" && footage_.drive.empty()) throw CLI::RequiredError("--drive");
+  if (footage_.dataset != "kitti-360" && !footage_.drive.empty())
+    throw CLI::ValidationError("--drive", "is for kitti-360");
+  if (footage_.dataset == "list" && !footage_.camera.empty())
+    throw CLI::ValidationError("--camera", "is not for a list, whose file describes the camera");
+}
+
+void CommandLine::add_calibrate() {
+  CLI::App* const added = subcommand("calibrate", "Searches from many wrong extrinsics, and how they end", [this] {
+    return calibrate(footage_, calibrate_, words_);
+  });
+  add_recording(*added);
+  add_objectives(*added);
+  const CLI::Validator range(
+      [](std::string& text) {
+        const double degrees = std::strtod(text.c_str(), nullptr);
+        return (degrees >= 0 && degrees <= 90) || degrees == ErrorRange::any_orientation_deg
+                   ? std::string()
+                   : text + " is neither within 0 .. 90 nor 180 (any orientation)";
+      },
+      "0..90|180");
+  added->add_option("--rotation-deg", calibrate_.rotation_deg, "How far off starts are; several with commas")
+      ->delimiter(',')
+      ->check(range);
+  added->add_option("--translation-cm", calibrate_.translation_cm, "Likewise, each with each rotation; for --dof 6")
+      ->delimiter(',')
+      ->check(CLI::Range(0.0, 1000.0));
+  added->add_option("--starts", calibrate_.starts, "Searches of each cell")
+      ->check(CLI::Range(1, 100000))
+      ->capture_default_str();
+  auto* const json = added->add_option("--json", calibrate_.json, "Write the result into this file");
+  added->add_option("--figures", calibrate_.figures, "Write overlays of one run of each cell into this folder")
+      ->needs(json);
+  added->parse_complete_callback([this] { finish_calibrate(); });
+}
+
+/// What is not given is as in the paper's tables.
+void CommandLine::finish_calibrate() {
+  check_recording();
+  calibrate_.degrees_of_freedom = degrees_of_freedom_ == 6 ? 6 : 3;
+  const bool six = calibrate_.degrees_of_freedom == 6;
+  if (!objectives_.empty()) calibrate_.methods.clear();
+  for (const std::string& name : objectives_) calibrate_.methods.push_back(*parse_method(name));
+  if (calibrate_.rotation_deg.empty())
+    calibrate_.rotation_deg = six ? std::vector<double>{0.5, 1} : std::vector<double>{1, 2, 10, 20};
+  if (calibrate_.translation_cm.empty())
+    calibrate_.translation_cm = six ? std::vector<double>{25, 50} : std::vector<double>{0};
+  if (!six && calibrate_.translation_cm != std::vector<double>{0})
+    throw CLI::ValidationError("--translation-cm", "is for --dof 6");
+}
+
+void CommandLine::add_landscape(const std::string& name, const std::string& what, bool of_pairs) {
+  CLI::App* const added = subcommand(name, what, [this, of_pairs] {
+    return of_pairs ? surfaces(footage_, landscape_, words_) : curves(footage_, landscape_, words_);
+  });
+  add_recording(*added);
+  add_objectives(*added);
+  LookAround& around = landscape_.around;
+  added->add_option("--range-deg", around.rotation_deg, "How far to either side")
+      ->check(CLI::Range(0.01, 180.0))
+      ->capture_default_str();
+  added->add_option("--range-cm", around.translation_cm, "How far to either side")
+      ->check(CLI::Range(0.1, 1000.0))
+      ->capture_default_str();
+  added->add_option("--points", around.points, "Scores from end to end of an axis")
+      ->check(CLI::Range(3, 1001))
+      ->capture_default_str();
+  auto* const json = added->add_option("--json", landscape_.json, "Write the result into this file");
+  if (of_pairs) {
+    json->required();
+    added->add_option("--axes", axis_pairs_, "Pairs such as roll:pitch, several with commas")
+        ->delimiter(',')
+        ->check(parses(parse_axis_pair, "AXIS:AXIS"));
+  }
+  added->parse_complete_callback([this] {
+    check_recording();
+    landscape_.degrees_of_freedom = degrees_of_freedom_ == 3 ? 3 : 6;
+    if (!objectives_.empty()) landscape_.methods.clear();
+    for (const std::string& objective : objectives_) landscape_.methods.push_back(*parse_method(objective));
+    if (axis_pairs_.empty()) axis_pairs_ = {"roll:pitch", "roll:yaw", "pitch:yaw", "pitch:z", "yaw:y", "x:z"};
+    for (const std::string& pair : axis_pairs_) landscape_.axis_pairs.push_back(*parse_axis_pair(pair));
+  });
+}
+
+void CommandLine::add_plot() {
+  CLI::App* const added = subcommand("plot", "Draws a result, as PNG", [this] {
+    auto folder = plots_.empty() ? plotted_ : plots_;
+    return plot(plotted_, plots_.empty() ? folder.replace_extension() : folder);
+  });
+  added->add_option("RESULT", plotted_, "What --json wrote")->required()->check(CLI::ExistingFile);
+  added->add_option("--out", plots_, "Folder; default: RESULT without its extension");
+}
+
+}  // namespace
+}  // namespace calib::eval
+
+int main(int argc, char** argv) {
+  calib::eval::CommandLine line(argc, argv);
+  try {
+    line.app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return line.app.exit(error) == 0 ? 0 : 2;
+  }
+  const auto done = line.run();
+  std::cout << std::flush;
+  if (!done) std::cerr << "calib-eval: " << calib::escape_control(done.error().context) << '\n';
+  // A full disk or a closed pipe must not look like success.
+  return done && std::cout ? 0 : 1;
+}

@@ -1,0 +1,250 @@
+#!/usr/bin/env python3
+"""Draws what calib-eval --json wrote: bull's-eye plots, hit rates, joint histograms, overlays, curves and surfaces."""
+
+import argparse
+import json
+import pathlib
+import sys
+
+try:
+    import matplotlib
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+    import numpy as np
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Circle
+    from matplotlib.ticker import MaxNLocator
+except ImportError as error:
+    sys.exit(f"calib-eval: {error.name} is missing: install python3-matplotlib")
+
+AXES = ["roll", "pitch", "yaw", "x", "y", "z"]
+HIT_DEG, HIT_CM = 0.5, 20
+GOOD, BAD, STARTS = "#0072b2", "#d55e00", "#8c8c8c"
+LINES = ["#0072b2", "#d55e00", "#009e73", "#cc79a7"]
+VIEW_TITLES = {"start": "Before", "end": "After", "truth": "Recording's own extrinsic"}
+
+
+def cell_name(cell):
+    name = f"{cell['objective']}_{cell['dof']}dof_{cell['rotation_deg']:g}deg"
+    return name + (f"_{cell['translation_cm']:g}cm" if cell["dof"] == 6 else "")
+
+
+def start_title(cell):
+    rotation = "any orientation" if cell["rotation_deg"] == 180 else f"{cell['rotation_deg']:g}°"
+    return rotation + (f", {cell['translation_cm']:g} cm" if cell["dof"] == 6 else "")
+
+
+def cell_title(cell):
+    return f"{cell['objective']}, {cell['dof']} DoF, starts {start_title(cell)} off"
+
+
+class Canvas:
+    """A folder for pictures, which says which ones were drawn."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def save(self, figure, name):
+        path = self.folder / f"{name}.png"
+        figure.savefig(path, dpi=120)
+        plt.close(figure)
+        print(path)
+
+
+# --- calibrate ---
+
+def bullseye_panel(panel, starts, ends, hits, axes, unit, reach, limit):
+    """Starts (x) joined to ends (dot) in the plane of two axes, the truth in the centre; ends alone when zoomed in."""
+    i, j = axes
+    if starts is not None:
+        panel.plot([starts[:, i], ends[:, i]], [starts[:, j], ends[:, j]], color=STARTS, lw=0.4, alpha=0.5, zorder=1)
+        panel.plot(starts[:, i], starts[:, j], "x", color=STARTS, ms=4, zorder=2)
+    for chosen, colour in ((~hits, BAD), (hits, GOOD)):
+        panel.plot(ends[chosen, i], ends[chosen, j], ".", color=colour, ms=5, zorder=3)
+    rings = MaxNLocator(4).tick_values(0, reach)
+    rings = rings[(rings > 0) & (rings <= reach)]
+    for ring in rings:
+        panel.add_patch(Circle((0, 0), ring, fill=False, color="0.88", lw=0.8, zorder=0))
+    panel.add_patch(Circle((0, 0), limit, fill=False, color=GOOD, lw=1, ls="--", zorder=0))
+    panel.axhline(0, color="0.8", lw=0.8, zorder=0)
+    panel.axvline(0, color="0.8", lw=0.8, zorder=0)
+    ticks = [*-rings[::-1], 0, *rings]
+    panel.set(xlim=(-reach, reach), ylim=(-reach, reach), xticks=ticks, yticks=ticks, aspect="equal",
+              xlabel=f"{AXES[i]} ({unit})", ylabel=f"{AXES[j]} ({unit})")
+
+
+def bullseye(canvas, cell, runs):
+    """One figure for rotation, and one for translation where it is sought."""
+    ended = [run for run in runs if run["end"] is not None]
+    if not ended:
+        return
+    starts, ends = (np.array([run[key] for run in ended]) for key in ("start", "end"))
+    hits = np.array([run["hit"] for run in ended])
+    groups = [("rotation", 0, "deg", HIT_DEG)] + ([("translation", 3, "cm", HIT_CM)] if cell["dof"] == 6 else [])
+    for name, first, unit, limit in groups:
+        reach = 1.08 * max(np.abs(starts[:, first:first + 3]).max(), limit)
+        figure, panels = plt.subplots(2, 3, figsize=(12, 8.6), layout="constrained")
+        for column, axes in enumerate([(first + 2, first + 1), (first + 2, first), (first + 1, first)]):
+            bullseye_panel(panels[0, column], starts, ends, hits, axes, unit, reach, limit)
+            bullseye_panel(panels[1, column], None, ends, hits, axes, unit, 1.2 * limit, limit)
+        figure.suptitle(f"{cell_title(cell)}: {100 * cell['hit_rate']:.1f} % hits of {cell['starts']}\n"
+                        f"residual {name}; above all runs, below the ends near the truth")
+        entries = [Line2D([], [], color=STARTS, marker="x", lw=0.6, label="start"),
+                   Line2D([], [], color=GOOD, marker=".", lw=0, label="end, a hit"),
+                   Line2D([], [], color=BAD, marker=".", lw=0, label="end, not a hit"),
+                   Line2D([], [], color=GOOD, ls="--", lw=1, label=f"{limit:g} {unit} off")]
+        figure.legend(handles=entries, loc="outside lower center", ncols=len(entries), frameon=False)
+        canvas.save(figure, f"bullseye_{name}_{cell_name(cell)}")
+
+
+def hit_rates(canvas, cells):
+    for dof in sorted({cell["dof"] for cell in cells}):
+        chosen = [cell for cell in cells if cell["dof"] == dof]
+        objectives = list(dict.fromkeys(cell["objective"] for cell in chosen))
+        ranges = list(dict.fromkeys(start_title(cell) for cell in chosen))
+        figure, panel = plt.subplots(figsize=(max(5.0, 1.2 * len(ranges) + 0.5 * len(objectives) * len(ranges)), 4.2),
+                                     layout="constrained")
+        width = 0.8 / len(objectives)
+        for k, objective in enumerate(objectives):
+            rates = {start_title(cell): 100 * cell["hit_rate"] for cell in chosen if cell["objective"] == objective}
+            places = [i + (k - (len(objectives) - 1) / 2) * width for i, name in enumerate(ranges) if name in rates]
+            bars = panel.bar(places, list(rates.values()), 0.92 * width, label=objective, color=LINES[k % len(LINES)])
+            panel.bar_label(bars, fmt="%.3g", fontsize=8)
+        panel.set(xticks=range(len(ranges)), xticklabels=ranges, ylim=(0, 108), ylabel="hits (%)",
+                  xlabel="how far off the starts are", title=f"{dof} DoF, {chosen[0]['starts']} starts")
+        figure.legend(loc="outside right upper", frameon=False)
+        canvas.save(figure, f"hits_{dof}dof")
+
+
+def joint_histograms(canvas, figure_json, cell):
+    """How the points of one frame fall on the classes of both features, before, after, and as it ought to be."""
+    classes = figure_json["classes"]
+    views = [view for view in figure_json["views"] if sum(view["histogram"])]
+    if not views:
+        return
+    tables = [np.array(view["histogram"], float).reshape(classes, classes) for view in views]
+    tables = [100 * table / table.sum() for table in tables]
+    point, pixel = (("LiDAR distance", "image depth") if figure_json["features"] == "depth" else
+                    ("LiDAR reflectance", "image brightness"))
+    figure, panels = plt.subplots(1, len(views), figsize=(4.1 * len(views) + 0.8, 4.6), layout="constrained", squeeze=False)
+    top = max(np.quantile(table, 0.995) for table in tables)
+    for panel, view, table in zip(panels[0], views, tables):
+        shown = panel.imshow(table.T, origin="lower", extent=(0, 100, 0, 100), cmap="magma_r", vmin=0, vmax=top)
+        panel.set(title=f"{VIEW_TITLES[view['view']]}, score {view['score']:.4f}", xlabel=f"{point} (percentile)",
+                  ylabel=f"{pixel} (percentile)")
+    figure.colorbar(shown, ax=panels, label="share of the points (%)", extend="max", shrink=0.85)
+    figure.suptitle(f"{cell_title(cell)}: joint histograms of run {figure_json['run']}, frame {figure_json['frame']}")
+    canvas.save(figure, f"histograms_{cell_name(cell)}")
+
+
+def overlays(canvas, figure_json, cell, base):
+    pictures = []
+    for view in figure_json["views"]:
+        try:
+            pictures.append((VIEW_TITLES[view["view"]], plt.imread(base / view["overlay"])))
+        except (OSError, SyntaxError):
+            print(f"calib-eval: {base / view['overlay']} cannot be read, so it is not drawn", file=sys.stderr)
+    if not pictures:
+        return
+    height, width = pictures[0][1].shape[:2]
+    wide = width > 1.5 * height
+    rows, columns = (len(pictures), 1) if wide else (1, len(pictures))
+    across = 11 if wide else 4.5
+    figure, panels = plt.subplots(rows, columns, figsize=(across * columns, (across * height / width + 0.3) * rows + 0.6),
+                                  layout="constrained", squeeze=False)
+    for panel, (title, picture) in zip(panels.flat, pictures):
+        panel.imshow(picture)
+        panel.set_title(title)
+        panel.axis("off")
+    figure.suptitle(f"{cell_title(cell)}: run {figure_json['run']}, frame {figure_json['frame']}; near points red, far blue")
+    canvas.save(figure, f"overlay_{cell_name(cell)}")
+
+
+def draw_calibrate(canvas, result, base):
+    for number, cell in enumerate(result["cells"]):
+        bullseye(canvas, cell, [run for run in result["runs"] if run["cell"] == number])
+    hit_rates(canvas, result["cells"])
+    for figure_json in result.get("figures", []):
+        cell = result["cells"][figure_json["cell"]]
+        joint_histograms(canvas, figure_json, cell)
+        overlays(canvas, figure_json, cell, base)
+
+
+# --- curve and surface ---
+
+def draw_curve(canvas, result, _base):
+    """Objectives have scales of their own, so each is drawn from the lowest to the highest of its scores."""
+    curves = result["curves"]
+    objectives = list(dict.fromkeys(curve["objective"] for curve in curves))
+    figure, panels = plt.subplots(2, 3, figsize=(12, 7), layout="constrained", sharey=True)
+    lowest, highest = {}, {}
+    for name in objectives:
+        scores = [score for curve in curves if curve["objective"] == name for score in curve["score"]]
+        lowest[name], highest[name] = min(scores), max(scores)
+    for panel, axis in zip(panels.flat, AXES):
+        panel.axvline(0, color="0.8", lw=1)
+        for curve in (curve for curve in curves if curve["axis"] == axis):
+            name = curve["objective"]
+            span = (highest[name] - lowest[name]) or 1
+            colour = LINES[objectives.index(name) % len(LINES)]
+            scores = (np.array(curve["score"]) - lowest[name]) / span
+            panel.plot(curve["offset"], scores, color=colour)
+            best = int(np.argmax(scores))
+            panel.plot(curve["offset"][best], scores[best], "o", color=colour, ms=5)
+            panel.set_xlabel(f"{axis} ({curve['unit']})")
+        panel.grid(color="0.92")
+    for row in panels:
+        row[0].set_ylabel("score, lowest 0, highest 1")
+    entries = [Line2D([], [], color=LINES[k % len(LINES)], marker="o", ms=5,
+                      label=f"{name} ({lowest[name]:.3f} to {highest[name]:.3f})") for k, name in enumerate(objectives)]
+    figure.legend(handles=entries, loc="outside lower center", ncols=len(entries), frameon=False)
+    figure.suptitle(f"Score along each axis about the recording's extrinsic, {len(result['recording']['frames'])} frames; "
+                    "dots: the best")
+    canvas.save(figure, "curves")
+
+
+def draw_surface(canvas, result, _base):
+    for objective in dict.fromkeys(surface["objective"] for surface in result["surfaces"]):
+        surfaces = [surface for surface in result["surfaces"] if surface["objective"] == objective]
+        columns = min(3, len(surfaces))
+        rows = -(-len(surfaces) // columns)
+        figure = plt.figure(figsize=(4.8 * columns, 4.6 * rows + 0.5), layout="constrained")
+        for k, surface in enumerate(surfaces):
+            panel = figure.add_subplot(rows, columns, k + 1, projection="3d")
+            first, second = surface["offset"]
+            score = np.array(surface["score"])
+            across, along = np.meshgrid(first, second, indexing="ij")
+            panel.plot_surface(across, along, score, cmap="viridis", rcount=60, ccount=60, linewidth=0)
+            best = np.unravel_index(np.argmax(score), score.shape)
+            names, units = surface["axes"], surface["units"]
+            panel.set(xlabel=f"{names[0]} ({units[0]})", ylabel=f"{names[1]} ({units[1]})")
+            panel.set_zlabel("score", labelpad=8)
+            panel.tick_params(axis="z", pad=4)
+            panel.view_init(elev=32, azim=-55)
+            panel.set_box_aspect((1, 1, 0.75), zoom=0.85)
+            panel.set_title(f"best at {names[0]} {first[best[0]]:g} {units[0]}, {names[1]} {second[best[1]]:g} {units[1]}",
+                            fontsize=10, y=0.96)
+        figure.suptitle(f"{objective}: score about the recording's extrinsic, {len(result['recording']['frames'])} frames")
+        canvas.save(figure, f"surfaces_{objective}")
+
+
+def main():
+    parser = argparse.ArgumentParser(prog="calib-eval plot", description=__doc__)
+    parser.add_argument("--out", type=pathlib.Path, required=True, help="folder for the pictures")
+    parser.add_argument("result", type=pathlib.Path)
+    arguments = parser.parse_args()
+    draw = {"calibrate": draw_calibrate, "curve": draw_curve, "surface": draw_surface}
+    try:
+        result = json.loads(arguments.result.read_text())
+        if result["schema"] != 1:
+            sys.exit(f"calib-eval: {arguments.result} has schema {result['schema']}, and this program draws schema 1")
+        draw[result["kind"]](Canvas(arguments.out), result, arguments.result.resolve().parent)
+    except OSError as error:
+        sys.exit(f"calib-eval: {error}")
+    except (ValueError, KeyError, TypeError) as error:
+        sys.exit(f"calib-eval: {arguments.result} is not a result of calib-eval ({type(error).__name__}: {error})")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,37 @@
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "calib_eval/experiment.hpp"
+#include "calib_eval/figures.hpp"
+#include "calib_eval/landscape.hpp"
+
+namespace calib::eval {
+
+/// In the order in which it is written.
+using Json = nlohmann::ordered_json;
+
+/// What every result begins with: what was done to which frames. `kind` is calibrate, curve or surface.
+[[nodiscard]] Json describe(const char* kind, const std::vector<std::string>& command, const FootageOptions& options,
+                            const Footage& footage);
+
+[[nodiscard]] Json to_json(const Experiment& experiment);
+/// Of cell number `cell`, each.
+[[nodiscard]] Json runs_to_json(const Experiment& experiment, std::size_t cell);
+/// Overlays are named relative to `base`, the folder of the result.
+[[nodiscard]] Json to_json(const Figure& figure, std::size_t cell, const std::filesystem::path& base);
+[[nodiscard]] Json to_json(const Curve& curve, Method method, int degrees_of_freedom);
+[[nodiscard]] Json to_json(const Surface& surface, Method method, int degrees_of_freedom);
+
+/// A line of the table on standard output, and the line above them all.
+[[nodiscard]] std::string table_heading();
+[[nodiscard]] std::string table_line(const Experiment& experiment);
+/// "x is not observable from these frames", for each such axis; empty when all are.
+[[nodiscard]] std::string unobservable(const Experiment& experiment);
+
+/// Complete or not at all: a file that is there is never half a result. Fails with `write_failed`.
+[[nodiscard]] Result<void> write_json(const std::filesystem::path& file, const Json& json);
+
+}  // namespace calib::eval
