@@ -1,6 +1,7 @@
 """calib-eval as a person meets it, on a small simulated drive: results, errors, pictures."""
 
 import json
+import os
 import pathlib
 import shutil
 import subprocess
@@ -157,6 +158,18 @@ def test_the_same_seed_gives_the_same_result_with_any_number_of_threads(evaluate
         results.append(without_times(json.loads(path.read_text())))
     assert results[0] == results[1]
     assert len(results[0]["runs"]) == 6
+
+
+def test_progress_is_shown_on_a_terminal(bin_dir, stereo):
+    ours, terminal = os.openpty()
+    ended = subprocess.run([bin_dir / "calib-eval", "calibrate", *stereo, "--rotation-deg", "1", "--starts", "2"],
+                           stdout=subprocess.PIPE, stderr=terminal, text=True, timeout=250, check=True)
+    os.close(terminal)
+    shown = os.read(ours, 65536).decode()
+    os.close(ours)
+    assert "default, 1 deg, 0 cm [....." in shown and "0 of 2" in shown
+    assert shown.endswith("\x1b[K"), "the bar is gone in the end"
+    assert "[..." not in ended.stdout
 
 
 def test_another_seed_gives_other_orientations(evaluate, stereo, tmp_path):

@@ -70,7 +70,8 @@ Result<void> calibrate(const FootageOptions& footage_options, const CalibrateOpt
                      {options.starts, footage_options.seed, footage_options.threads, [&] { progress.step(); }});
     }();
     if (!experiment) return tl::unexpected(experiment.error());
-    std::cout << table_line(*experiment) << unobservable(*experiment) << std::endl;
+    std::cout << table_line(*experiment) << std::endl;
+    for (const std::string& remark : remarks(*experiment)) std::cout << "  " << escape_control(remark) << std::endl;
     result["cells"].push_back(to_json(*experiment));
     for (Json& run : runs_to_json(*experiment, i)) result["runs"].push_back(std::move(run));
     if (options.figures.empty()) continue;

@@ -35,7 +35,8 @@ def start_title(cell):
 
 
 def cell_title(cell):
-    return f"{cell['objective']}, {cell['dof']} DoF, starts {start_title(cell)} off"
+    starts = f"starts of {start_title(cell)}" if cell["rotation_deg"] == 180 else f"starts {start_title(cell)} off"
+    return f"{cell['objective']}, {cell['dof']} DoF, {starts}"
 
 
 class Canvas:
@@ -52,6 +53,12 @@ class Canvas:
         print(path)
 
 
+def legend_below(figure, entries):
+    """Under all panels, in room of its own. (Debian 12's matplotlib knows no "outside" yet.)"""
+    figure.get_layout_engine().set(rect=(0, 0.05, 1, 0.95))
+    figure.legend(handles=entries, loc="lower center", ncols=len(entries), frameon=False)
+
+
 # --- calibrate ---
 
 def bullseye_panel(panel, starts, ends, hits, axes, unit, reach, limit):
@@ -62,7 +69,7 @@ def bullseye_panel(panel, starts, ends, hits, axes, unit, reach, limit):
         panel.plot(starts[:, i], starts[:, j], "x", color=STARTS, ms=4, zorder=2)
     for chosen, colour in ((~hits, BAD), (hits, GOOD)):
         panel.plot(ends[chosen, i], ends[chosen, j], ".", color=colour, ms=5, zorder=3)
-    rings = MaxNLocator(4).tick_values(0, reach)
+    rings = MaxNLocator(3, steps=[1, 2, 5, 10]).tick_values(0, reach)
     rings = rings[(rings > 0) & (rings <= reach)]
     for ring in rings:
         panel.add_patch(Circle((0, 0), ring, fill=False, color="0.88", lw=0.8, zorder=0))
@@ -94,7 +101,7 @@ def bullseye(canvas, cell, runs):
                    Line2D([], [], color=GOOD, marker=".", lw=0, label="end, a hit"),
                    Line2D([], [], color=BAD, marker=".", lw=0, label="end, not a hit"),
                    Line2D([], [], color=GOOD, ls="--", lw=1, label=f"{limit:g} {unit} off")]
-        figure.legend(handles=entries, loc="outside lower center", ncols=len(entries), frameon=False)
+        legend_below(figure, entries)
         canvas.save(figure, f"bullseye_{name}_{cell_name(cell)}")
 
 
@@ -113,7 +120,7 @@ def hit_rates(canvas, cells):
             panel.bar_label(bars, fmt="%.3g", fontsize=8)
         panel.set(xticks=range(len(ranges)), xticklabels=ranges, ylim=(0, 108), ylabel="hits (%)",
                   xlabel="how far off the starts are", title=f"{dof} DoF, {chosen[0]['starts']} starts")
-        figure.legend(loc="outside right upper", frameon=False)
+        panel.legend(loc="upper left", bbox_to_anchor=(1, 1), frameon=False)
         canvas.save(figure, f"hits_{dof}dof")
 
 
@@ -198,7 +205,7 @@ def draw_curve(canvas, result, _base):
         row[0].set_ylabel("score, lowest 0, highest 1")
     entries = [Line2D([], [], color=LINES[k % len(LINES)], marker="o", ms=5,
                       label=f"{name} ({lowest[name]:.3f} to {highest[name]:.3f})") for k, name in enumerate(objectives)]
-    figure.legend(handles=entries, loc="outside lower center", ncols=len(entries), frameon=False)
+    legend_below(figure, entries)
     figure.suptitle(f"Score along each axis about the recording's extrinsic, {len(result['recording']['frames'])} frames; "
                     "dots: the best")
     canvas.save(figure, "curves")
@@ -218,13 +225,15 @@ def draw_surface(canvas, result, _base):
             panel.plot_surface(across, along, score, cmap="viridis", rcount=60, ccount=60, linewidth=0)
             best = np.unravel_index(np.argmax(score), score.shape)
             names, units = surface["axes"], surface["units"]
-            panel.set(xlabel=f"{names[0]} ({units[0]})", ylabel=f"{names[1]} ({units[1]})")
-            panel.set_zlabel("score", labelpad=8)
-            panel.tick_params(axis="z", pad=4)
+            panel.set_xlabel(f"{names[0]} ({units[0]})", labelpad=8)
+            panel.set_ylabel(f"{names[1]} ({units[1]})", labelpad=10)
+            panel.set_zlabel("score", labelpad=13)
+            panel.tick_params(axis="z", pad=6)
+            panel.zaxis.set_major_locator(MaxNLocator(5))
             panel.view_init(elev=32, azim=-55)
-            panel.set_box_aspect((1, 1, 0.75), zoom=0.85)
-            panel.set_title(f"best at {names[0]} {first[best[0]]:g} {units[0]}, {names[1]} {second[best[1]]:g} {units[1]}",
-                            fontsize=10, y=0.96)
+            panel.set_box_aspect((1, 1, 0.75), zoom=0.78)
+            panel.set_title(f"best at {names[0]} {first[best[0]]:.3g} {units[0]}, "
+                            f"{names[1]} {second[best[1]]:.3g} {units[1]}", fontsize=10, y=0.94)
         figure.suptitle(f"{objective}: score about the recording's extrinsic, {len(result['recording']['frames'])} frames")
         canvas.save(figure, f"surfaces_{objective}")
 

@@ -1,5 +1,6 @@
 #include "calib_eval/report.hpp"
 
+#include <algorithm>
 #include <cstdio>
 #include <fstream>
 
@@ -202,14 +203,18 @@ std::string table_line(const Experiment& experiment) {
                   text("%.3f", summary.seconds_per_run)});
 }
 
-std::string unobservable(const Experiment& experiment) {
-  if (!experiment.best) return {};
-  std::string axes;
+std::vector<std::string> remarks(const Experiment& experiment) {
+  std::vector<std::string> remarks;
   const auto released = experiment.cell.released();
-  for (std::size_t i = 0; i < axis_names.size(); ++i)
+  for (std::size_t i = 0; i < axis_names.size() && experiment.best; ++i)
     if (released[i] && !experiment.best->uncertainty.observable[i])
-      axes += (axes.empty() ? "" : ", ") + std::string(axis_names[i]);
-  return axes.empty() ? axes : "  not observable from these frames: " + axes;
+      remarks.push_back(std::string(axis_names[i]) + " is not observable from these frames");
+  const auto failed = std::ranges::find_if(experiment.runs, [](const Run& run) { return !run.result; });
+  if (failed != experiment.runs.end())
+    remarks.push_back(std::to_string(summarise(experiment.runs).failures) + " of " +
+                      std::to_string(experiment.runs.size()) + " searches failed, the first with: " +
+                      failed->result.error().context);
+  return remarks;
 }
 
 Result<void> write_json(const std::filesystem::path& file, const Json& json) {

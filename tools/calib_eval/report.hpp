@@ -28,8 +28,8 @@ using Json = nlohmann::ordered_json;
 /// A line of the table on standard output, and the line above them all.
 [[nodiscard]] std::string table_heading();
 [[nodiscard]] std::string table_line(const Experiment& experiment);
-/// "x is not observable from these frames", for each such axis; empty when all are.
-[[nodiscard]] std::string unobservable(const Experiment& experiment);
+/// What a line of the table does not say: axes that are not observable from these frames, and searches without an end.
+[[nodiscard]] std::vector<std::string> remarks(const Experiment& experiment);
 
 /// Complete or not at all: a file that is there is never half a result. Fails with `write_failed`.
 [[nodiscard]] Result<void> write_json(const std::filesystem::path& file, const Json& json);
