@@ -48,7 +48,7 @@ void classify(const std::vector<float>& values, int width, const Window& window,
               std::vector<std::uint8_t>& plane) {
   // Sorting a sample is enough for 240 classes, and much quicker.
   const std::size_t area = static_cast<std::size_t>(window.right - window.left) * (window.bottom - window.top);
-  const std::size_t stride = area / 65536 + 1;
+  const std::size_t stride = area / 16384 + 1;
   std::vector<float> sample;
   std::size_t next = 0, index = 0;
   const auto each = [&](const auto& visit) {
@@ -129,13 +129,16 @@ Resampled resample(const FramePair& pair, const DepthMap& depth, const Camera& c
 class Cull {
  public:
   Cull(const FeaturePlanes& planes, const RigidTransform& T_camera_lidar, const SearchBounds& bounds)
-      : T_(T_camera_lidar.cast<float>()), wide_(planes.grid.xi != 0), max_angle_(planes.max_angle_rad) {
+      : T_(T_camera_lidar.cast<float>()), wide_(planes.grid.xi != 0), max_angle_(static_cast<float>(planes.max_angle_rad)) {
     // The largest angle of Rx Ry Rz with each angle within the bounds, and how far a point can be shifted: by the
     // translation, and because the LiDAR turns about its own origin and not about the camera's.
     const double half = std::min(bounds.rotation_rad, 1.0) / 2;
-    turn_ = bounds.rotation_rad >= 1 ? std::numbers::pi
-                                     : 2 * std::acos(std::pow(std::cos(half), 3) - std::pow(std::sin(half), 3));
-    reach_ = std::sqrt(3.0) * bounds.translation_m + turn_ * T_camera_lidar.translation().norm();
+    turn_ = static_cast<float>(bounds.rotation_rad >= 1
+                                   ? std::numbers::pi
+                                   : 2 * std::acos(std::pow(std::cos(half), 3) - std::pow(std::sin(half), 3)));
+    const double moved = std::sqrt(3.0) * bounds.translation_m + turn_ * T_camera_lidar.translation().norm();
+    reach_ = static_cast<float>(std::numbers::pi / 2 * moved);
+    still_ = static_cast<float>(std::numbers::pi - max_angle_);
     // A pinhole's view is where all four of these inward normals have p.normal >= 0. A bearing that comes into view by
     // an angle is no further than this angle outside each of them.
     const BearingGrid& grid = planes.grid;
@@ -148,18 +151,19 @@ class Cull {
 
   [[nodiscard]] bool may_be_in_view(const Eigen::Vector3f& p_lidar) const {
     const Eigen::Vector3f p_camera = T_ * p_lidar;
-    const double range = p_camera.norm();
-    const double angle = turn_ + std::asin(std::min(1.0, reach_ / range)) + 1e-4;  // a margin for roundoff
+    const float range = p_camera.norm();
     if (!std::isfinite(range)) return false;
-    if (wide_) return angle + max_angle_ >= std::numbers::pi || p_camera.z() >= range * std::cos(angle + max_angle_);
-    const double least = angle < 1.5 ? -std::sin(angle) * range : -range - 1;
-    return std::ranges::all_of(sides_, [&](const Eigen::Vector3f& side) { return side.dot(p_camera) >= least; });
+    // The angle by which the point can turn in view, times the range: asin x <= pi / 2 x, and a margin for roundoff.
+    const float shift = turn_ * range + reach_ + 1e-4F * range;
+    if (wide_) return shift >= still_ * range || p_camera.z() >= range * std::cos(max_angle_ + shift / range);
+    // sin x <= x, and nothing is further outside than its range.
+    return std::ranges::all_of(sides_, [&](const Eigen::Vector3f& side) { return side.dot(p_camera) >= -shift; });
   }
 
  private:
   Eigen::Isometry3f T_;
   bool wide_;
-  double max_angle_, turn_, reach_;
+  float max_angle_, turn_, reach_, still_;
   std::array<Eigen::Vector3f, 4> sides_;
 };
 

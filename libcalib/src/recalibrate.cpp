@@ -64,8 +64,8 @@ Result<Recalibration> recalibrate(Frames fit, Frames held_back, const RigidTrans
   result.held_back_after = mean_score(held_back, result.T_camera_lidar, objective).value;
   result.evaluations = rotated->evaluations + moved->evaluations;
 
-  if (!found.converged) {
-    result.reason = found.reason.starts_with("ends at") ? "outside the bounds: " + found.reason : found.reason;
+  if (found.ends_at_limit) {
+    result.reason = "outside the bounds: " + found.reason;
     return result;
   }
   if (result.delta.head<3>().norm() < settings.min_change_rotation_rad &&

@@ -54,9 +54,9 @@ struct SearchResult {
   /// then one that distrusts the whole. Found out with all six axes released; rotation alone always goes by tiles.
   bool depth_is_biased = false;
   int evaluations = 0;
-  /// Why it ended, in words: "converged", "ends at the limit of pitch", "stopped after 400 evaluations".
+  /// Why it ended, in words: "converged", "ends at the limit of pitch", "the optimiser's last run was cut short".
   std::string reason;
-  bool converged = false;
+  bool ends_at_limit = false;
 };
 
 /// How sure the optimum is, in the LiDAR frame there (rad, m).
@@ -72,8 +72,8 @@ struct Uncertainty {
 };
 
 /// Finds the extrinsic that maximises the method's objective over `frames` (paper, Algorithm 1), by BOBYQA (Powell 2009).
-/// With all six axes released it turns about a point 15 m in front of the camera, which straightens the valley in which
-/// pitch trades against z and yaw against y. Deterministic.
+/// With all six axes released it turns about a point 15 m in front of the camera, and goes along the directions of the
+/// hill there, which straightens the valley in which pitch trades against z and yaw against y. Deterministic.
 /// Fails with `too_few_pairs` without a frame, and with `search_failed` when nothing is in view or the optimiser breaks.
 [[nodiscard]] Result<SearchResult> search(Frames frames, const RigidTransform& T_camera_lidar, Method method,
                                           const SearchSettings& settings = {});
