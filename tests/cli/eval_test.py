@@ -313,6 +313,8 @@ def test_stereo_depth_without_right_images_is_told(evaluate, fisheye):
 def test_a_result_that_cannot_be_written_is_told(evaluate, fisheye, tmp_path):
     ended = evaluate("curve", *fisheye, "--points", 3, "--json", tmp_path / "missing" / "c.json")
     assert "cannot be written" in refusal(ended)
+    ended = evaluate("calibrate", *fisheye, "--starts", 1, "--json", tmp_path / "missing" / "c.json")
+    assert "cannot be written" in refusal(ended) and ended.out == "", "before any search"
 
 
 @pytest.mark.parametrize("arguments, told", [

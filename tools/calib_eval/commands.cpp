@@ -60,6 +60,8 @@ Result<void> calibrate(const FootageOptions& footage_options, const CalibrateOpt
   result["cells"] = Json::array();
   result["runs"] = Json::array();
   if (!options.figures.empty()) result["figures"] = Json::array();
+  // Before hours of work, and after each cell of it: what is done is kept.
+  if (auto written = write_if_wanted(options.json, result); !written) return written;
 
   std::cout << frames_line(*footage) << ", " << options.starts << " starts\n" << table_heading() << std::endl;
   const std::vector<Cell> cells = cells_of(options);
@@ -74,12 +76,14 @@ Result<void> calibrate(const FootageOptions& footage_options, const CalibrateOpt
     for (const std::string& remark : remarks(*experiment)) std::cout << "  " << escape_control(remark) << std::endl;
     result["cells"].push_back(to_json(*experiment));
     for (Json& run : runs_to_json(*experiment, i)) result["runs"].push_back(std::move(run));
-    if (options.figures.empty()) continue;
-    const auto figure = draw(*footage, *experiment, options.figures);
-    if (!figure) return tl::unexpected(figure.error());
-    if (*figure) result["figures"].push_back(to_json(**figure, i, absolute(options.json).parent_path()));
+    if (!options.figures.empty()) {
+      const auto figure = draw(*footage, *experiment, options.figures);
+      if (!figure) return tl::unexpected(figure.error());
+      if (*figure) result["figures"].push_back(to_json(**figure, i, absolute(options.json).parent_path()));
+    }
+    if (auto written = write_if_wanted(options.json, result); !written) return written;
   }
-  return write_if_wanted(options.json, result);
+  return {};
 }
 
 Result<void> curves(const FootageOptions& footage_options, const LandscapeOptions& options,

@@ -203,8 +203,7 @@ void CommandLine::add_landscape(const std::string& name, const std::string& what
 
 void CommandLine::add_plot() {
   CLI::App* const added = subcommand("plot", "Draws a result, as PNG", [this] {
-    auto folder = plots_.empty() ? plotted_ : plots_;
-    return plot(plotted_, plots_.empty() ? folder.replace_extension() : folder);
+    return plot(plotted_, plots_.empty() ? std::filesystem::path(plotted_).replace_extension() : plots_);
   });
   added->add_option("RESULT", plotted_, "What --json wrote")->required()->check(CLI::ExistingFile);
   added->add_option("--out", plots_, "Folder; default: RESULT without its extension");

@@ -31,7 +31,7 @@ using Json = nlohmann::ordered_json;
 /// What a line of the table does not say: axes that are not observable from these frames, and searches without an end.
 [[nodiscard]] std::vector<std::string> remarks(const Experiment& experiment);
 
-/// Complete or not at all: a file that is there is never half a result. Fails with `write_failed`.
+/// The file is replaced as a whole, so that it can be read at any time. Fails with `write_failed`.
 [[nodiscard]] Result<void> write_json(const std::filesystem::path& file, const Json& json);
 
 }  // namespace calib::eval
