@@ -129,7 +129,9 @@ Resampled resample(const FramePair& pair, const DepthMap& depth, const Camera& c
 class Cull {
  public:
   Cull(const FeaturePlanes& planes, const RigidTransform& T_camera_lidar, const SearchBounds& bounds)
-      : T_(T_camera_lidar.cast<float>()), wide_(planes.grid.xi != 0), max_angle_(static_cast<float>(planes.max_angle_rad)) {
+      : T_(T_camera_lidar.cast<float>()),
+        wide_(planes.grid.xi != 0),
+        max_angle_(static_cast<float>(planes.max_angle_rad)) {
     // The largest angle of Rx Ry Rz with each angle within the bounds, and how far a point can be shifted: by the
     // translation, and because the LiDAR turns about its own origin and not about the camera's.
     const double half = std::min(bounds.rotation_rad, 1.0) / 2;
@@ -273,8 +275,8 @@ std::size_t FeatureSet::memory_bytes() const {
     bytes += values->capacity();
   if (!planes) return bytes;
   bytes += sizeof *planes;
-  for (const auto* values : {&planes->depth_rank, &planes->tile_depth_rank, &planes->grey_rank, &planes->depth_linear,
-                             &planes->grey_linear})
+  for (const auto* values :
+       {&planes->depth_rank, &planes->tile_depth_rank, &planes->grey_rank, &planes->depth_linear, &planes->grey_linear})
     bytes += values->capacity();
   return bytes;
 }
@@ -314,8 +316,8 @@ Result<FeatureSet> make_features(const FramePair& pair, const DepthMap& depth, c
   planes.max_angle_rad = camera.max_angle_rad();
   const Resampled seen = resample(pair, depth, camera, planes.grid, settings.linear);
   planes.depth_rank = classes(seen.distance, planes.grid, equal_population_limits);
-  planes.tile_depth_rank = classes(seen.distance, planes.grid, equal_population_limits, FeatureSet::tile_columns,
-                                   FeatureSet::tile_rows);
+  planes.tile_depth_rank =
+      classes(seen.distance, planes.grid, equal_population_limits, FeatureSet::tile_columns, FeatureSet::tile_rows);
   if (!seen.grey.empty()) planes.grey_rank = classes(seen.grey, planes.grid, equal_population_limits);
   if (settings.linear) {
     planes.depth_linear = classes(seen.depth, planes.grid, equal_width_limits);

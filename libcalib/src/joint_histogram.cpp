@@ -33,8 +33,7 @@ HWY_INLINE void project_vector(const float* x_m, const float* y_m, const float* 
   const auto x_camera = row(0), y_camera = row(4), z_camera = row(8);
   auto denominator = z_camera;
   if (grid.xi != 0) {
-    const auto squared =
-        hn::MulAdd(x_camera, x_camera, hn::MulAdd(y_camera, y_camera, hn::Mul(z_camera, z_camera)));
+    const auto squared = hn::MulAdd(x_camera, x_camera, hn::MulAdd(y_camera, y_camera, hn::Mul(z_camera, z_camera)));
     denominator = hn::MulAdd(hn::Set(f, grid.xi), hn::Sqrt(squared), z_camera);
   }
   const auto inverse = hn::Div(hn::Set(f, 1), denominator);
@@ -74,8 +73,7 @@ void Project(const FeatureSet& features, std::size_t first, std::size_t count, c
   const float *x = &features.x_m[first], *y = &features.y_m[first], *z = &features.z_m[first];
   landed.count = 0;
   std::size_t i = 0;
-  for (; i + lanes <= count; i += lanes)
-    project_vector(x + i, y + i, z + i, i, lanes, projection, with_tiles, landed);
+  for (; i + lanes <= count; i += lanes) project_vector(x + i, y + i, z + i, i, lanes, projection, with_tiles, landed);
   if (i == count) return;
   float rest[3][most_lanes] = {};
   for (std::size_t k = i; k < count; ++k) {
@@ -141,9 +139,7 @@ void count(const Landed& landed, const std::uint8_t* row_ranks, const std::uint8
     count_all<false>(landed, row_ranks, plane, shape, counts);
 }
 
-double sum_x_log_x(const double* values, std::size_t count) {
-  return HWY_DYNAMIC_DISPATCH(SumXLogX)(values, count);
-}
+double sum_x_log_x(const double* values, std::size_t count) { return HWY_DYNAMIC_DISPATCH(SumXLogX)(values, count); }
 
 const char* target_name() { return HWY_DYNAMIC_DISPATCH(TargetName)(); }
 

@@ -21,9 +21,9 @@ struct Landed {
 /// Joint counts: rows are classes of the points' feature, columns of the pixels'. The last column takes the points that
 /// landed on no value. With tiles there is one such table per tile, one after the other.
 struct CountsShape {
-  int class_shift;   // a class is rank >> class_shift
-  int row_shift;     // log2 of a row's length
-  int table_shift;   // log2 of a table's length
+  int class_shift;  // a class is rank >> class_shift
+  int row_shift;    // log2 of a row's length
+  int table_shift;  // log2 of a table's length
 };
 
 /// The projection of a frame's points, with the grid's intrinsics.

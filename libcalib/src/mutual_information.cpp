@@ -21,11 +21,21 @@ struct Counting {
     shape.table_shift = 2 * shape.row_shift;
     tables = tiled ? FeatureSet::tile_columns * FeatureSet::tile_rows : 1;
     switch (term.features) {
-      case FeaturePair::depth: rows = &features.range_rank, plane = &features.planes->depth_rank; break;
-      case FeaturePair::tiled_depth: rows = &features.range_rank, plane = &features.planes->tile_depth_rank; break;
-      case FeaturePair::intensity: rows = &features.reflectance_rank, plane = &features.planes->grey_rank; break;
-      case FeaturePair::linear_depth: rows = &features.range_linear, plane = &features.planes->depth_linear; break;
-      case FeaturePair::linear_intensity: rows = &features.reflectance_linear, plane = &features.planes->grey_linear; break;
+      case FeaturePair::depth:
+        rows = &features.range_rank, plane = &features.planes->depth_rank;
+        break;
+      case FeaturePair::tiled_depth:
+        rows = &features.range_rank, plane = &features.planes->tile_depth_rank;
+        break;
+      case FeaturePair::intensity:
+        rows = &features.reflectance_rank, plane = &features.planes->grey_rank;
+        break;
+      case FeaturePair::linear_depth:
+        rows = &features.range_linear, plane = &features.planes->depth_linear;
+        break;
+      case FeaturePair::linear_intensity:
+        rows = &features.reflectance_linear, plane = &features.planes->grey_linear;
+        break;
     }
   }
   [[nodiscard]] bool possible() const { return !rows->empty() && !plane->empty(); }

@@ -56,8 +56,7 @@ Result<Recalibration> recalibrate(Frames fit, Frames held_back, const RigidTrans
   result.delta = found.delta;
   result.sigma = uncertainty(fit, result.T_camera_lidar, objective, everything).sigma();
   if (!result.translation_changed)
-    result.sigma.head<3>() =
-        uncertainty(fit, result.T_camera_lidar, rotated->objective, rotation).sigma().head<3>();
+    result.sigma.head<3>() = uncertainty(fit, result.T_camera_lidar, rotated->objective, rotation).sigma().head<3>();
   result.score_before = mean_score(fit, T_camera_lidar, objective).value;
   result.score_after = mean_score(fit, result.T_camera_lidar, objective).value;
   result.held_back_before = mean_score(held_back, T_camera_lidar, objective).value;
@@ -75,8 +74,8 @@ Result<Recalibration> recalibrate(Frames fit, Frames held_back, const RigidTrans
   }
   const Gain gained = gain(held_back, T_camera_lidar, result.T_camera_lidar, objective);
   result.accepted = gained.exceeds(settings.min_gain_sigmas);
-  result.reason = (result.accepted ? "better on pairs held back: " : "not better on pairs held back: ") +
-                  in_words(gained);
+  result.reason =
+      (result.accepted ? "better on pairs held back: " : "not better on pairs held back: ") + in_words(gained);
   return result;
 }
 

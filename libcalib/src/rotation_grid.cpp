@@ -23,7 +23,8 @@ std::vector<Eigen::Quaterniond> rotations_within(double reach_rad, double spacin
 std::vector<Eigen::Quaterniond> rotations_everywhere(double reach_rad, double spacing_rad) {
   // Rotations by angle form a space of volume 8 pi^2; in the densest packing each takes spacing^3 / sqrt 2.
   constexpr double pi = std::numbers::pi;
-  const auto count = static_cast<std::size_t>(std::ceil(8 * pi * pi * std::numbers::sqrt2 / 2 / std::pow(spacing_rad, 3)));
+  const auto count =
+      static_cast<std::size_t>(std::ceil(8 * pi * pi * std::numbers::sqrt2 / 2 / std::pow(spacing_rad, 3)));
   constexpr double phi = std::numbers::sqrt2, psi = 1.533751168755204288118041;
   std::vector<Eigen::Quaterniond> rotations;
   for (std::size_t i = 0; i < count; ++i) {

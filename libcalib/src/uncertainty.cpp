@@ -20,8 +20,8 @@ struct Slopes {
   Matrix6 hessian = Matrix6::Zero();
 };
 
-Slopes slopes(const FeatureSet& frame, const RigidTransform& T, const Objective& objective, const SearchSettings& settings,
-              const Vector6& scale) {
+Slopes slopes(const FeatureSet& frame, const RigidTransform& T, const Objective& objective,
+              const SearchSettings& settings, const Vector6& scale) {
   const auto step = [](int axis) { return axis < 3 ? rotation_step_rad : translation_step_m; };
   const auto at = [&](const Vector6& delta) { return score(frame, T * perturbation(delta), objective).value; };
   const double here = at(Vector6::Zero());
@@ -38,8 +38,8 @@ Slopes slopes(const FeatureSet& frame, const RigidTransform& T, const Objective&
     for (int j = 0; j < i; ++j) {
       if (!settings.released[j]) continue;
       const Vector6 both = move + Vector6::Unit(j) * step(j);
-      result.hessian(i, j) = (at(both) + at(-both) - plus[i] - minus[i] - plus[j] - minus[j] + 2 * here) /
-                             (2 * h * step(j) / scale[j]);
+      result.hessian(i, j) =
+          (at(both) + at(-both) - plus[i] - minus[i] - plus[j] - minus[j] + 2 * here) / (2 * h * step(j) / scale[j]);
       result.hessian(j, i) = result.hessian(i, j);
     }
   }

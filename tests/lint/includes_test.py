@@ -9,7 +9,8 @@ ORDER = ("result wall_time geometry camera frame pairing depth quality features 
          "signature record store status formats").split()
 # Implementations of an interface, and private parts, stand beside the header that they serve.
 BESIDE = {"camera_models": "camera", "depth_stereo": "depth", "depth_onnx": "depth",
-          "joint_histogram": "mutual_information", "rotation_grid": "search", "uncertainty": "search",
+          "joint_histogram": "mutual_information", "rotation_grid": "search", "search_steps": "search",
+          "uncertainty": "search",
           "json_fields": "record"}
 
 FOREIGN = re.compile(r"^(dds/|cyclonedds|spdlog/|fmt/|systemd/|yaml-cpp/|CLI/|mosquitto)")

@@ -18,9 +18,9 @@ struct SearchBounds {
 };
 
 /// Where the pixels of a feature set look, chosen so that a point costs one division whatever the real lens does:
-/// u = fx x / (z + xi d) + cx, d the point's distance. `xi` is 0 (pinhole) for cameras that see less than 60 degrees off
-/// their axis, else 1 (stereographic), which takes in everything but straight behind. Images of a camera with another
-/// model are resampled into it once per pair.
+/// u = fx x / (z + xi d) + cx, d the point's distance. `xi` is 0 (pinhole) for cameras that see less than 60 degrees
+/// off their axis, else 1 (stereographic), which takes in everything but straight behind. Images of a camera with
+/// another model are resampled into it once per pair.
 struct BearingGrid {
   int width = 0, height = 0;
   float fx = 0, fy = 0, cx = 0, cy = 0;
@@ -30,8 +30,8 @@ struct BearingGrid {
   /// Unit bearing (optical frame) of a pixel.
   [[nodiscard]] Eigen::Vector3d bearing(double u, double v) const;
   [[nodiscard]] std::size_t pixels() const { return static_cast<std::size_t>(width) * height; }
-  /// What a plane of one byte per pixel holds: behind the pixels one that has no value, for points that are not in view,
-  /// and room to read four bytes at any of them.
+  /// What a plane of one byte per pixel holds: behind the pixels one that has no value, for points that are not in
+  /// view, and room to read four bytes at any of them.
   [[nodiscard]] std::size_t plane_size() const { return pixels() + 4; }
 };
 
@@ -59,10 +59,10 @@ struct FeaturePlanes {
 /// 64-beam scan. A copy shares the planes.
 ///
 /// A feature is a rank: the value's place among all values of the frame in equal steps 0 .. 239 (a histogram with equal
-/// populations). Ranks do not change under any monotone distortion, so relative inverse depth of unknown scale serves as
-/// well as metres. The number is one that classes of 4, 8 and 16 ranks divide; `none` falls into a class of its own.
-/// Depth is compared as what the LiDAR measures, as distance along the ray from the camera, not along its axis: else the
-/// relation between the two would change over the image. All ranks of distance grow with it.
+/// populations). Ranks do not change under any monotone distortion, so relative inverse depth of unknown scale serves
+/// as well as metres. The number is one that classes of 4, 8 and 16 ranks divide; `none` falls into a class of its own.
+/// Depth is compared as what the LiDAR measures, as distance along the ray from the camera, not along its axis: else
+/// the relation between the two would change over the image. All ranks of distance grow with it.
 struct FeatureSet {
   static constexpr int ranks = 240;
   static constexpr std::uint8_t none = 255;
@@ -73,9 +73,9 @@ struct FeatureSet {
   /// Points in the LiDAR frame (m) that can be in view within the bounds. Every 32nd comes first, then what makes that
   /// every 16th, and so on: the first 1 / 2^n of them are an even sample of all.
   std::vector<float> x_m, y_m, z_m;
-  /// Ranks of a point's distance from the camera, and of its reflectance. Where the camera is, the given extrinsic says;
-  /// within a degree and some centimetres of it nothing changes. From bounds of one radian on that is not known, and it
-  /// is the distance from the LiDAR.
+  /// Ranks of a point's distance from the camera, and of its reflectance. Where the camera is, the given extrinsic
+  /// says; within a degree and some centimetres of it nothing changes. From bounds of one radian on that is not known,
+  /// and it is the distance from the LiDAR.
   std::vector<std::uint8_t> range_rank, reflectance_rank;
   /// The paper's: Euclidean range in the LiDAR frame, reflectance.
   std::vector<std::uint8_t> range_linear, reflectance_linear;

@@ -11,10 +11,10 @@ namespace calib {
 
 /// Two features of a frame whose joint histogram is taken: one of the points, one of the pixels they land on.
 enum class FeaturePair {
-  depth,           // rank of the distance, rank of depth
-  tiled_depth,     // rank of the distance, rank of depth among its tile of the image: one histogram per tile
-  intensity,       // rank of reflectance, rank of brightness
-  linear_depth,    // range, depth, as the paper has them
+  depth,            // rank of the distance, rank of depth
+  tiled_depth,      // rank of the distance, rank of depth among its tile of the image: one histogram per tile
+  intensity,        // rank of reflectance, rank of brightness
+  linear_depth,     // range, depth, as the paper has them
   linear_intensity  // reflectance, brightness, as the paper's baseline has them
 };
 
@@ -25,8 +25,8 @@ struct Term {
   /// Ranks per class: 4, 8 or 16 make 60, 30 or 15 classes. More classes give a sharper optimum, fewer a wider basin.
   int ranks_per_class = 4;
   /// Normalised mutual information (H(X) + H(Y)) / H(X, Y), after Studholme 1999, of a joint histogram smoothed with
-  /// [1 2 1] / 4 in both directions: 1 for independent features, at most 2. It is the one that a change of overlap moves
-  /// least. Otherwise the paper's H(X) + H(Y) - H(X, Y) in nats (Eq. "MI"), as it is.
+  /// [1 2 1] / 4 in both directions: 1 for independent features, at most 2. It is the one that a change of overlap
+  /// moves least. Otherwise the paper's H(X) + H(Y) - H(X, Y) in nats (Eq. "MI"), as it is.
   bool normalised = true;
 };
 
@@ -49,8 +49,8 @@ struct Score {
   std::size_t points = 0;
 };
 
-/// The score of one frame at an extrinsic. The frame has planes. A term with fewer than `min_scored_points` points, or whose features the frame
-/// does not have, says nothing: 1 when it is normalised, else 0. Tiles count by their points.
+/// The score of one frame at an extrinsic. The frame has planes. A term with fewer than `min_scored_points` points, or
+/// whose features the frame does not have, says nothing: 1 when it is normalised, else 0. Tiles count by their points.
 /// Deterministic for a given processor; processors with other vector units differ in the last bits of a pixel's place,
 /// which moves a frame's score by less than 1e-3.
 [[nodiscard]] Score score(const FeatureSet& features, const RigidTransform& T_camera_lidar,

@@ -38,12 +38,11 @@ struct Recalibration {
 };
 
 /// Searches over `fit` (search.hpp, the default method) for the rotation alone and for all six parameters. `held_back`
-/// frames take no part in that and decide: whether translation is moved at all, and whether the result is better than the
-/// start. Deterministic.
+/// frames take no part in that and decide: whether translation is moved at all, and whether the result is better than
+/// the start. Deterministic.
 ///
 /// Fails with `too_few_pairs` below three frames to fit or two held back, and as `search` does.
-[[nodiscard]] Result<Recalibration> recalibrate(Frames fit, Frames held_back,
-                                                const RigidTransform& T_camera_lidar,
+[[nodiscard]] Result<Recalibration> recalibrate(Frames fit, Frames held_back, const RigidTransform& T_camera_lidar,
                                                 const RecalibrationSettings& settings);
 
 }  // namespace calib

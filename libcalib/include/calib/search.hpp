@@ -50,8 +50,8 @@ struct SearchResult {
   /// The last stage's objective, and its score at the start and at the end.
   Objective objective;
   double score_before = 0, score_after = 0;
-  /// The depth is biased across the image: its tiles alone would choose another rotation than the whole. The objective is
-  /// then one that distrusts the whole. Found out with all six axes released; rotation alone always goes by tiles.
+  /// The depth is biased across the image: its tiles alone would choose another rotation than the whole. The objective
+  /// is then one that distrusts the whole. Found out with all six axes released; rotation alone always goes by tiles.
   bool depth_is_biased = false;
   int evaluations = 0;
   /// Why it ended, in words: "converged", "ends at the limit of pitch", "the optimiser's last run was cut short".
@@ -71,10 +71,11 @@ struct Uncertainty {
   [[nodiscard]] Vector6 sigma() const { return bootstrap_covariance.diagonal().cwiseSqrt(); }
 };
 
-/// Finds the extrinsic that maximises the method's objective over `frames` (paper, Algorithm 1), by BOBYQA (Powell 2009).
-/// With all six axes released it turns about a point 15 m in front of the camera, and goes along the directions of the
-/// hill there, which straightens the valley in which pitch trades against z and yaw against y. Deterministic.
-/// Fails with `too_few_pairs` without a frame, and with `search_failed` when nothing is in view or the optimiser breaks.
+/// Finds the extrinsic that maximises the method's objective over `frames` (paper, Algorithm 1), by BOBYQA (Powell
+/// 2009). With all six axes released it turns about a point 15 m in front of the camera, and goes along the directions
+/// of the hill there, which straightens the valley in which pitch trades against z and yaw against y. Deterministic.
+/// Fails with `too_few_pairs` without a frame, and with `search_failed` when nothing is in view or the optimiser
+/// breaks.
 [[nodiscard]] Result<SearchResult> search(Frames frames, const RigidTransform& T_camera_lidar, Method method,
                                           const SearchSettings& settings = {});
 

@@ -1,0 +1,108 @@
+#pragma once
+
+#include <algorithm>
+#include <initializer_list>
+#include <vector>
+
+#include "calib/search.hpp"
+
+namespace calib {
+
+constexpr int most_evaluations = 200;  // of one run of the optimiser
+
+/// Search variables are in these units (a degree, 25 cm), so that one unit matters about equally in each.
+[[nodiscard]] double unit_of(int axis);
+
+[[nodiscard]] Objective objective_of(std::initializer_list<Term> terms, int stride = 1);
+
+/// The frames of a search. They are made anew about an estimate that is better than the one before.
+class View {
+ public:
+  explicit View(Frames frames) : original_(frames), pointers_(frames.begin(), frames.end()) {}
+
+  void look_about(const RigidTransform& T, const SearchBounds& bounds) {
+    sets_.clear();
+    for (const FeatureSet* frame : original_) sets_.push_back(frame->about(T, bounds));
+    pointers_.clear();
+    for (const FeatureSet& set : sets_) pointers_.push_back(&set);
+  }
+  [[nodiscard]] Frames frames() const { return pointers_; }
+  /// At most `count` of them, evenly chosen.
+  [[nodiscard]] std::vector<const FeatureSet*> some(std::size_t count) const {
+    count = std::min(count, pointers_.size());
+    std::vector<const FeatureSet*> chosen;
+    for (std::size_t i = 0; i < count; ++i) chosen.push_back(pointers_[i * pointers_.size() / count]);
+    return chosen;
+  }
+
+ private:
+  Frames original_;
+  std::vector<FeatureSet> sets_;
+  std::vector<const FeatureSet*> pointers_;
+};
+
+/// The steps that searches are made of.
+class Search {
+ public:
+  Search(Frames frames, const RigidTransform& T_start, const SearchSettings& settings)
+      : view_(frames), T_start_(T_start), settings_(settings) {}
+
+  View& view() { return view_; }
+
+  /// The mean score less a penalty for leaving the bounds: they are a box in the LiDAR's own parameters, which is none
+  /// in the search variables.
+  [[nodiscard]] double value(const RigidTransform& T, const Objective& objective);
+
+  [[nodiscard]] Vector6 delta_of(const RigidTransform& T) const {
+    return perturbation_parameters(T_start_.inverse() * T);
+  }
+  [[nodiscard]] double limit(int axis) const {
+    return std::max(1e-9, axis < 3 ? settings_.bounds.rotation_rad : settings_.bounds.translation_m);
+  }
+
+  /// The best of a grid of rotations, by few classes and few points. Its best places are followed uphill a little
+  /// before one of them is chosen.
+  [[nodiscard]] Result<RigidTransform> coarse();
+
+  /// Maximises from `T_base` over rotations about the LiDAR (`parameters` 3), over all six about a point ahead of the
+  /// camera (6), or over the released axes one by one (0). Returns the best extrinsic seen: where roundoff ends the
+  /// search, NLopt's last point is not always that.
+  [[nodiscard]] Result<RigidTransform> maximise(const RigidTransform& T_base, int parameters, double first_step,
+                                                const Objective& objective, int budget = most_evaluations);
+  /// Again from where it ended, as long as that helps: BOBYQA's model of a narrow valley ends it early.
+  [[nodiscard]] Result<RigidTransform> maximise_again(RigidTransform T, int parameters, double first_step,
+                                                      const Objective& objective);
+
+  /// Directions (columns) of the hill at `T`, each as long as it takes to lose the same small part of the score: along
+  /// a valley they are long, across it short. From second differences.
+  [[nodiscard]] Matrix6 hill_directions(const RigidTransform& T, const Objective& objective);
+  /// Maximises all six along `directions`, again from where it ended as long as that helps. Where the hill is a valley,
+  /// this takes half as many evaluations as along the axes, and ends nearer to the top.
+  [[nodiscard]] Result<RigidTransform> maximise_along(const RigidTransform& T_base, const Matrix6& directions,
+                                                      const Objective& objective);
+
+  /// 3 when rotation alone is sought, 6 for everything, 0 for any other choice of axes.
+  [[nodiscard]] int parameters() const;
+  void tell(double share) const {
+    if (settings_.progress) settings_.progress(share);
+  }
+  [[nodiscard]] int evaluations() const { return evaluations_; }
+  [[nodiscard]] bool exhausted() const { return exhausted_; }
+
+ private:
+  struct Run {
+    double first_step = 1, tolerance = 2e-3;
+    int budget = most_evaluations;
+  };
+  /// One run of BOBYQA from `x`, within `room` to either side of zero.
+  [[nodiscard]] Result<void> optimise(std::vector<double> x, const std::vector<double>& room, const Run& run,
+                                      const std::function<double(const std::vector<double>&)>& objective);
+
+  View view_;
+  RigidTransform T_start_;
+  const SearchSettings& settings_;
+  int evaluations_ = 0;
+  bool exhausted_ = false;
+};
+
+}  // namespace calib
