@@ -139,7 +139,7 @@ Json runs_to_json(const Experiment& experiment, std::size_t cell) {
       json["score_after"] = run.result->score_after;
       json["depth_is_biased"] = run.result->depth_is_biased;
       json["evaluations"] = run.result->evaluations;
-      json["converged"] = run.result->converged;
+      json["ends_at_limit"] = run.result->ends_at_limit;
       json["reason"] = run.result->reason;
       json["seconds"] = run.seconds;
     } else {
