@@ -75,7 +75,7 @@ Result<Optimum> search_as_published(Search& search, const RigidTransform& T_star
                                     const SearchSettings& settings) {
   double first_step = std::numeric_limits<double>::infinity();
   for (int axis = 0; axis < 6; ++axis)
-    if (settings.released[axis]) first_step = std::min(first_step, search.limit(axis) / unit_of(axis) / 4);
+    if (settings.released[axis]) first_step = std::min(first_step, search.room(axis) / 4);
   const Objective top = final_objective(method, settings.released);
   if (method != Method::i2i_nmi) {
     const auto found = search.maximise(T_start, 0, first_step, top);

@@ -152,17 +152,16 @@ Result<RigidTransform> Search::maximise(const RigidTransform& T_base, int parame
                                     ? Eigen::Vector3d(T_base.inverse() * Eigen::Vector3d(0, 0, pivot_distance_m))
                                     : Eigen::Vector3d(0, 0, 0);
   std::vector<int> axes;
-  std::vector<double> start, room;
+  std::vector<double> start, bounds;
   const Vector6 from = parameters == 0 ? delta_of(T_base) : Vector6::Zero();
   for (int axis = 0; axis < 6; ++axis) {
     if (parameters == 0 ? !settings_.released[axis] : axis >= parameters) continue;
     axes.push_back(axis);
     start.push_back(from[axis] / unit_of(axis));
     // Turning about the pivot shifts the LiDAR, so its translation needs more room; `value` keeps the real bounds.
-    const double more = axis < 3 ? 0 : pivot.norm() * std::min(limit(0), 0.2);
-    room.push_back(parameters == 0 ? limit(axis) / unit_of(axis) : 2 * (limit(axis) + more) / unit_of(axis));
-    if (axis < 3 && settings_.any_orientation) room.back() = 30;  // about a base that the grid gave
-    start.back() = std::clamp(start.back(), -room.back(), room.back());
+    const double more = axis < 3 ? 0 : pivot.norm() * std::min(limit(0), 0.2) / unit_of(axis);
+    bounds.push_back(parameters == 0 ? room(axis) : 2 * (room(axis) + more));
+    start.back() = std::clamp(start.back(), -bounds.back(), bounds.back());
   }
   RigidTransform best = T_base;
   double best_value = value(T_base, objective);
@@ -178,7 +177,7 @@ Result<RigidTransform> Search::maximise(const RigidTransform& T_base, int parame
     }
     return result;
   };
-  if (auto done = optimise(start, room, {.first_step = first_step, .budget = budget}, at); !done)
+  if (auto done = optimise(start, bounds, {.first_step = first_step, .budget = budget}, at); !done)
     return tl::unexpected(done.error());
   return best;
 }

@@ -60,6 +60,11 @@ class Search {
     return std::max(1e-9, axis < 3 ? settings_.bounds.rotation_rad : settings_.bounds.translation_m);
   }
 
+  /// How far the axis may go, in units; with any orientation, how far from a place that the grid gave.
+  [[nodiscard]] double room(int axis) const {
+    return axis < 3 && settings_.any_orientation ? 30 : limit(axis) / unit_of(axis);
+  }
+
   /// The best of a grid of rotations, by few classes and few points. Its best places are followed uphill a little
   /// before one of them is chosen.
   [[nodiscard]] Result<RigidTransform> coarse();

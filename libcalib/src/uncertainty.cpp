@@ -20,10 +20,13 @@ struct Slopes {
   Matrix6 hessian = Matrix6::Zero();
 };
 
-Slopes slopes(const FeatureSet& frame, const RigidTransform& T, const Objective& objective,
-              const SearchSettings& settings, const Vector6& scale) {
+/// Perturbations turn about `pivot` (LiDAR frame).
+Slopes slopes(const FeatureSet& frame, const RigidTransform& T, const Eigen::Vector3d& pivot,
+              const Objective& objective, const SearchSettings& settings, const Vector6& scale) {
   const auto step = [](int axis) { return axis < 3 ? rotation_step_rad : translation_step_m; };
-  const auto at = [&](const Vector6& delta) { return score(frame, T * perturbation(delta), objective).value; };
+  const auto at = [&](const Vector6& delta) {
+    return score(frame, T * perturbation_about(delta, pivot), objective).value;
+  };
   const double here = at(Vector6::Zero());
   Vector6 plus = Vector6::Zero(), minus = Vector6::Zero();
   Slopes result;
@@ -93,11 +96,15 @@ Uncertainty uncertainty(Frames frames, const RigidTransform& T_camera_lidar, con
   Vector6 scale;
   for (int axis = 0; axis < 6; ++axis)
     scale[axis] = std::max(1e-9, axis < 3 ? settings.bounds.rotation_rad : settings.bounds.translation_m);
+  // As in the search: about a point amid the scene, where the six hardly depend on each other.
+  const bool everything = std::ranges::all_of(settings.released, [](bool axis) { return axis; });
+  const Eigen::Vector3d pivot =
+      everything ? Eigen::Vector3d(T_camera_lidar.inverse() * Eigen::Vector3d(0, 0, 15)) : Eigen::Vector3d(0, 0, 0);
   std::vector<Slopes> all;
   Slopes mean;
   const auto n = static_cast<double>(frames.size());
   for (const FeatureSet* frame : frames) {
-    all.push_back(slopes(*frame, T_camera_lidar, objective, settings, scale));
+    all.push_back(slopes(*frame, T_camera_lidar, pivot, objective, settings, scale));
     mean.gradient += all.back().gradient / n;
     mean.hessian += all.back().hessian / n;
   }
@@ -114,8 +121,12 @@ Uncertainty uncertainty(Frames frames, const RigidTransform& T_camera_lidar, con
   const double least = std::sqrt(std::max(1e-24, std::max(scatter.trace(), resampled.trace())));
   const Vector6 inverse = hill.eigenvalues().cwiseMax(least).cwiseInverse();
   const Matrix6 newton = hill.eigenvectors() * inverse.asDiagonal() * hill.eigenvectors().transpose();
+  // A rotation about the pivot is one about the LiDAR's origin and a translation: pivot x rotation.
+  Matrix6 about_origin = Matrix6::Identity();
+  about_origin.block<3, 3>(3, 0) << 0, -pivot.z(), pivot.y(), pivot.z(), 0, -pivot.x(), -pivot.y(), pivot.x(), 0;
+  const Matrix6 to_lidar = about_origin * scale.asDiagonal();
   const auto in_units = [&](const Matrix6& gradients) -> Matrix6 {
-    return scale.asDiagonal() * (newton * gradients * newton) * scale.asDiagonal();
+    return to_lidar * (newton * gradients * newton) * to_lidar.transpose();
   };
   result.covariance = in_units(scatter);
   result.bootstrap_covariance = in_units(resampled);

@@ -47,7 +47,8 @@ TEST_CASE("ranks of depth do not change under any monotone distortion of the dis
   const DepthMap metric = drive.depth(0);
   const LidarScan scan = drive.scan(0);
   const auto ranks = [&](const DepthMap& depth) {
-    return test::require_ok(make_features(only(scan), depth, drive.camera(), drive.T_camera_lidar())).planes->depth_rank;
+    return test::require_ok(make_features(only(scan), depth, drive.camera(), drive.T_camera_lidar()))
+        .planes->depth_rank;
   };
   const auto original = ranks(metric);
   DepthMap scaled = metric, squared = metric;
@@ -101,11 +102,14 @@ TEST_CASE("culling keeps every point that an extrinsic within the bounds brings 
     for (int trial = 0; trial < 12; ++trial) {
       const SearchBounds bounds{random.uniform(0.01F, 0.2F), random.uniform(0, 0.6F)};
       RigidTransform T = RigidTransform::Identity();  // any mounting, up to two metres from the camera
-      T.linear() = Eigen::Quaterniond(Eigen::Vector4d(random.gaussian(), random.gaussian(), random.gaussian(),
-                                                      random.gaussian()).normalized()).toRotationMatrix();
+      T.linear() =
+          Eigen::Quaterniond(
+              Eigen::Vector4d(random.gaussian(), random.gaussian(), random.gaussian(), random.gaussian()).normalized())
+              .toRotationMatrix();
       T.translation() << random.uniform(-1.2F, 1.2F), random.uniform(-1.2F, 1.2F), random.uniform(-1.2F, 1.2F);
       const LidarScan scan = random_points(random, 4000, 40);
-      const FeatureSet kept = test::require_ok(make_features(only(scan), wall(camera), camera, T, {.bounds = bounds, .min_points = 0}));
+      const FeatureSet kept =
+          test::require_ok(make_features(only(scan), wall(camera), camera, T, {.bounds = bounds, .min_points = 0}));
       std::set<std::tuple<float, float, float>> points;
       for (std::size_t i = 0; i < kept.x_m.size(); ++i) points.emplace(kept.x_m[i], kept.y_m[i], kept.z_m[i]);
       for (int corner = 0; corner < 64 + 20; ++corner) {
@@ -128,8 +132,8 @@ TEST_CASE("culling keeps every point that an extrinsic within the bounds brings 
 TEST_CASE("culling leaves out what no extrinsic within the bounds can bring into view") {
   test::SimulatedDrive drive(33, 640, 192, {.azimuth_step_deg = 0.5});
   const LidarScan around = drive.scan(0);
-  const FeatureSet kept = test::require_ok(
-      make_features(only(around), drive.depth(0), drive.camera(), drive.T_camera_lidar()));
+  const FeatureSet kept =
+      test::require_ok(make_features(only(around), drive.depth(0), drive.camera(), drive.T_camera_lidar()));
   CHECK(static_cast<double>(kept.x_m.size()) < 0.45 * static_cast<double>(around.points.size()));
 }
 
@@ -141,7 +145,8 @@ TEST_CASE("a frame of a 64-beam LiDAR and a 1242 x 375 camera is kept in less th
 }
 
 TEST_CASE("what a lens of any model sees is found where its grid looks") {
-  // A wall, n . p = 1, seen by lenses from long to more than half of all around; what is known is the distance along a ray.
+  // A wall, n . p = 1, seen by lenses from long to more than half of all around; what is known is the distance along a
+  // ray.
   const Eigen::Vector3d n(0.05, 0.08, 0.1);
   const auto lens = GENERATE(std::make_tuple(CameraModel::plumb_bob, 372.0, std::vector<double>{-0.2, 0.03, 0, 0}),
                              std::make_tuple(CameraModel::equidistant, 150.0, std::vector<double>{0, 0, 0, 0}),
@@ -191,15 +196,14 @@ TEST_CASE("features about another extrinsic are those that would have been made 
   const SearchBounds narrow{radians_per_degree, 0.1};
   const FeatureSet wide = drive.features(0);
   const FeatureSet moved = wide.about(T, narrow);
-  const FeatureSet made = test::require_ok(make_features(drive.pair(0), drive.depth(0), drive.camera(), T,
-                                                         {.bounds = narrow, .min_points = 0}));
+  const FeatureSet made = test::require_ok(
+      make_features(drive.pair(0), drive.depth(0), drive.camera(), T, {.bounds = narrow, .min_points = 0}));
   CHECK(moved.planes == wide.planes);
   CHECK(moved.points() < wide.points());
   CHECK(moved.points() == made.points());
   // The order differs, and with it the sample that limits of ranks come from.
   std::map<std::tuple<float, float, float>, int> ranks;
-  for (std::size_t i = 0; i < made.points(); ++i)
-    ranks[{made.x_m[i], made.y_m[i], made.z_m[i]}] = made.range_rank[i];
+  for (std::size_t i = 0; i < made.points(); ++i) ranks[{made.x_m[i], made.y_m[i], made.z_m[i]}] = made.range_rank[i];
   for (std::size_t i = 0; i < moved.points(); ++i) {
     const auto found = ranks.find({moved.x_m[i], moved.y_m[i], moved.z_m[i]});
     REQUIRE(found != ranks.end());
@@ -215,8 +219,7 @@ TEST_CASE("the first of the points are an even sample of all") {
     for (std::size_t i = 0; i < count; ++i) sum += Eigen::Vector3d(features.x_m[i], features.y_m[i], features.z_m[i]);
     return Eigen::Vector3d(sum / static_cast<double>(count));
   };
-  for (const int part : {32, 8, 2})
-    CHECK((mean(features.points() / part) - mean(features.points())).norm() < 0.5);
+  for (const int part : {32, 8, 2}) CHECK((mean(features.points() / part) - mean(features.points())).norm() < 0.5);
 }
 
 TEST_CASE("too few points on depth are refused, as are a depth map of another size, no points and no depth") {
@@ -241,8 +244,8 @@ TEST_CASE("a point or an extrinsic that is not a number never gets into a featur
   constexpr float nan = std::numeric_limits<float>::quiet_NaN();
   LidarScan scan = drive.scan(0);
   scan.points.insert(scan.points.begin() + 7, {{nan, 1, 1, 0}, {10, nan, 0, 0}, {10, 0, nan, 0}});
-  const FeatureSet features = test::require_ok(
-      make_features(only(scan), drive.depth(0), drive.camera(), drive.T_camera_lidar()));
+  const FeatureSet features =
+      test::require_ok(make_features(only(scan), drive.depth(0), drive.camera(), drive.T_camera_lidar()));
   for (std::size_t i = 0; i < features.x_m.size(); ++i)
     REQUIRE(std::isfinite(features.x_m[i] + features.y_m[i] + features.z_m[i]));
   CHECK(features.range_rank == drive.features(0).range_rank);

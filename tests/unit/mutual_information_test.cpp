@@ -17,8 +17,8 @@ constexpr int side = FeatureSet::ranks;
 
 using RankAt = std::function<int(int, int)>;
 
-/// One point on each pixel of a square image, ten metres in front of it at the identity extrinsic. `first` is a feature of
-/// the points, `second` of the pixels: of depth, of depth by tiles, and of intensity alike.
+/// One point on each pixel of a square image, ten metres in front of it at the identity extrinsic. `first` is a feature
+/// of the points, `second` of the pixels: of depth, of depth by tiles, and of intensity alike.
 FeatureSet board(const RankAt& first, const RankAt& second) {
   FeaturePlanes planes;
   planes.grid = {side, side, 300, 300, side / 2, side / 2, 0};
@@ -113,7 +113,8 @@ TEST_CASE("the paper's mutual information is that of the counts, in nats") {
   for (const auto features : {FeaturePair::linear_depth, FeaturePair::linear_intensity, FeaturePair::depth})
     for (const int ranks_per_class : {1, 4, 16}) {
       const Objective plain = of_classes(ranks_per_class, features, false);
-      CHECK(at_identity(board(along, along), plain) == Approx(std::log(FeatureSet::ranks / ranks_per_class)).epsilon(1e-9));
+      CHECK(at_identity(board(along, along), plain) ==
+            Approx(std::log(FeatureSet::ranks / ranks_per_class)).epsilon(1e-9));
       CHECK(at_identity(board(along, across), plain) == Approx(0).margin(1e-9));
     }
 }

@@ -85,8 +85,8 @@ TEST_CASE("nothing leaves the bounds, and what ends at one is refused") {
 
 TEST_CASE("what fits the pairs to fit but not those held back is refused") {
   const Drive knocked(test::knock(0, 0, 1)), right(RigidTransform::Identity(), 62);
-  const Recalibration result = test::require_ok(
-      recalibrate(knocked.fit, right.held_back, knocked.simulated.T_camera_lidar(), {}));
+  const Recalibration result =
+      test::require_ok(recalibrate(knocked.fit, right.held_back, knocked.simulated.T_camera_lidar(), {}));
   CHECK(result.score_after > result.score_before);
   CHECK(result.held_back_after < result.held_back_before);
   CHECK_FALSE(result.accepted);

@@ -95,8 +95,8 @@ TEST_CASE("nothing leaves the bounds, and the result says where it ended") {
   const Street street(73, 4);
   const SearchSettings narrow{.bounds = {.rotation_rad = radians_per_degree, .translation_m = 0.1},
                               .released = rotation_only};
-  const auto found = test::require_ok(
-      search(street.frames, street.truth() * test::knock(0, 0, 2), Method::standard, narrow));
+  const auto found =
+      test::require_ok(search(street.frames, street.truth() * test::knock(0, 0, 2), Method::standard, narrow));
   CHECK(found.ends_at_limit);
   CHECK(found.reason == "ends at the limit of yaw");
   CHECK(std::abs(found.delta[2]) <= 1.02 * radians_per_degree);
@@ -106,8 +106,8 @@ TEST_CASE("depth that is biased across the image is found out, and moves the rot
   const bool biased = GENERATE(false, true);
   const Street street(74, 8, {}, biased);
   const RigidTransform T = street.truth() * test::knock(1, 0.5, -1);
-  const auto rotation = test::require_ok(
-      search(street.frames, T, Method::standard, {.bounds = {}, .released = rotation_only}));
+  const auto rotation =
+      test::require_ok(search(street.frames, T, Method::standard, {.bounds = {}, .released = rotation_only}));
   CHECK(street.error_deg(rotation.T_camera_lidar) < 0.15);
   const auto all = test::require_ok(search(street.frames, T, Method::standard));
   CHECK(all.depth_is_biased == biased);
@@ -118,9 +118,9 @@ TEST_CASE("the published methods climb their own hill, from near it") {
   const Street street(75, 6, {.linear = true});
   const RigidTransform T = street.truth() * test::knock(0, 0, 0.6);
   for (const Method method : {Method::d2d, Method::i2i, Method::i2i_nmi}) {
-    const auto found = test::require_ok(search(street.frames, T, method,
-                                               {.bounds = {.rotation_rad = 2 * radians_per_degree, .translation_m = 0.1},
-                                                .released = rotation_only}));
+    const auto found = test::require_ok(
+        search(street.frames, T, method,
+               {.bounds = {.rotation_rad = 2 * radians_per_degree, .translation_m = 0.1}, .released = rotation_only}));
     CHECK(found.score_after > found.score_before);
     CHECK(found.evaluations < 400);
     if (method == Method::d2d) CHECK(street.error_deg(found.T_camera_lidar) < 0.5);
@@ -149,7 +149,8 @@ TEST_CASE("no frame, no axis and what is no number are refused") {
   CHECK_FALSE(search(street.frames, not_a_number, Method::standard));
 }
 
-TEST_CASE("uncertainty is that of the frames: it covers the error, shrinks with more of them, and knows no hill in noise") {
+TEST_CASE(
+    "uncertainty is that of the frames: it covers the error, shrinks with more of them, and knows no hill in noise") {
   const Street street(78, 16);
   const Frames all = street.frames;
   const Objective objective = final_objective(Method::standard, rotation_only);
