@@ -2,9 +2,13 @@
 
 #include <cmath>
 #include <functional>
+#include <hwy/targets.h>
 #include <limits>
 #include <memory>
+#include <set>
+#include <string_view>
 
+#include "calib/search.hpp"
 #include "support/catch.hpp"
 #include "support/simulated_drive.hpp"
 #include "vehicle/random.hpp"
@@ -179,6 +183,26 @@ TEST_CASE("the vector code counts what plain arithmetic counts, whatever the len
   CHECK(expected > 200);
   // A point on a pixel's border may fall to either side in single precision.
   CHECK(std::abs(static_cast<double>(score(features, T).points) - static_cast<double>(expected)) <= 2);
+}
+
+TEST_CASE("every vector path that this processor has scores alike, and each always the same") {
+  test::SimulatedDrive drive(45);
+  const FeatureSet frame = drive.features(0);
+  const RigidTransform T = drive.T_camera_lidar() * test::knock(0.3, -0.2, 0.4);
+  const Objective objective = final_objective(Method::standard, {true, true, true, true, true, true});
+  const Score usual = score(frame, T, objective);
+  std::set<std::string_view> names;
+  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
+    hwy::SetSupportedTargetsForTest(target);
+    names.insert(vector_instructions());
+    const Score here = score(frame, T, objective);
+    CHECK(here.value == Approx(usual.value).margin(1e-3));
+    CHECK(std::abs(static_cast<double>(here.points) - static_cast<double>(usual.points)) < 10);
+    CHECK(score(frame, T, objective).value == here.value);
+  }
+  hwy::SetSupportedTargetsForTest(0);
+  CHECK(names.size() == hwy::SupportedAndGeneratedTargets().size());
+  CHECK(score(frame, T, objective).value == usual.value);
 }
 
 TEST_CASE("on frames of a street the truth scores best") {
