@@ -113,7 +113,9 @@ Resampled resample(const FramePair& pair, const DepthMap& depth, const Camera& c
       if (!same) {
         const auto uv = camera.project(bearing);
         if (!uv) continue;
-        from = static_cast<std::size_t>(std::lround(uv->y())) * depth.width + std::lround(uv->x());
+        // Not lround: it takes -0.5, which the camera sees, to -1.
+        from = static_cast<std::size_t>(std::floor(uv->y() + 0.5)) * depth.width +
+               static_cast<std::size_t>(std::floor(uv->x() + 0.5));
       }
       if (with_grey) result.grey[to] = pair.image.pixels[from];
       const float inverse = depth.inverse_depth[from];
@@ -157,7 +159,8 @@ class Cull {
     if (!std::isfinite(range)) return false;
     // The angle by which the point can turn in view, times the range: asin x <= pi / 2 x, and a margin for roundoff.
     const float shift = turn_ * range + reach_ + 1e-4F * range;
-    if (wide_) return shift >= still_ * range || p_camera.z() >= range * std::cos(max_angle_ + shift / range);
+    if (wide_)  // what is nearer than the camera may be shifted can come from anywhere
+      return range <= reach_ || shift >= still_ * range || p_camera.z() >= range * std::cos(max_angle_ + shift / range);
     // sin x <= x, and nothing is further outside than its range.
     return std::ranges::all_of(sides_, [&](const Eigen::Vector3f& side) { return side.dot(p_camera) >= -shift; });
   }

@@ -1,5 +1,7 @@
 #include "joint_histogram.hpp"
 
+#include <algorithm>
+
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "joint_histogram.cpp"
 #include <hwy/foreach_target.h>
@@ -15,7 +17,6 @@ namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 using Floats = hn::ScalableTag<float>;
 using Ints = hn::RebindToSigned<Floats>;
-using Bytes = hn::Rebind<std::uint8_t, Ints>;
 using Doubles = hn::ScalableTag<double>;
 
 /// Appends those of a vector of points that are in view, of which `known` are points at all.

@@ -169,6 +169,7 @@ Score score(const FeatureSet& features, const RigidTransform& T_camera_lidar, co
     weights += term.weight;
     if (k == 0) result.points = one.points;
   }
+  assert(weights > 0);
   result.value /= weights;
   return result;
 }

@@ -21,7 +21,7 @@ std::vector<Eigen::Quaterniond> rotations_within(double reach_rad, double spacin
 }
 
 std::vector<Eigen::Quaterniond> rotations_everywhere(double reach_rad, double spacing_rad) {
-  // Rotations by angle form a space of volume 8 pi^2; in the densest packing each takes spacing^3 / sqrt 2.
+  // Rotations by angle form a space of volume 8 pi^2, of which each takes sqrt 2 spacing^3.
   constexpr double pi = std::numbers::pi;
   const auto count =
       static_cast<std::size_t>(std::ceil(8 * pi * pi * std::numbers::sqrt2 / 2 / std::pow(spacing_rad, 3)));

@@ -11,7 +11,6 @@
 namespace calib {
 namespace {
 
-constexpr double pivot_distance_m = 15;
 constexpr double negligible_gain = 1e-5;
 
 bool all(const std::array<bool, 6>& released, int from, int to) {
@@ -130,7 +129,8 @@ Result<void> Search::optimise(std::vector<double> x, const std::vector<double>& 
     for (double& bound : lower) bound = -bound;
     optimiser.set_lower_bounds(lower);
     optimiser.set_upper_bounds(room);
-    optimiser.set_initial_step(run.first_step);
+    // A first step that does not fit between the bounds is an error to NLopt.
+    optimiser.set_initial_step(std::min(run.first_step, std::ranges::min(room)));
     optimiser.set_xtol_abs(run.tolerance);
     optimiser.set_maxeval(run.budget);
     optimiser.set_max_objective([](const std::vector<double>& at, std::vector<double>&,

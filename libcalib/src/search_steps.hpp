@@ -8,7 +8,8 @@
 
 namespace calib {
 
-constexpr int most_evaluations = 200;  // of one run of the optimiser
+constexpr int most_evaluations = 200;    // of one run of the optimiser
+constexpr double pivot_distance_m = 15;  // ahead of the camera, amid the scene
 
 /// Search variables are in these units (a degree, 25 cm), so that one unit matters about equally in each.
 [[nodiscard]] double unit_of(int axis);

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "calib/search.hpp"
+#include "search_steps.hpp"
 
 namespace calib {
 namespace {
@@ -99,7 +100,8 @@ Uncertainty uncertainty(Frames frames, const RigidTransform& T_camera_lidar, con
   // As in the search: about a point amid the scene, where the six hardly depend on each other.
   const bool everything = std::ranges::all_of(settings.released, [](bool axis) { return axis; });
   const Eigen::Vector3d pivot =
-      everything ? Eigen::Vector3d(T_camera_lidar.inverse() * Eigen::Vector3d(0, 0, 15)) : Eigen::Vector3d(0, 0, 0);
+      everything ? Eigen::Vector3d(T_camera_lidar.inverse() * Eigen::Vector3d(0, 0, pivot_distance_m))
+                 : Eigen::Vector3d(0, 0, 0);
   std::vector<Slopes> all;
   Slopes mean;
   const auto n = static_cast<double>(frames.size());

@@ -5,6 +5,7 @@
 #include <memory>
 #include <vector>
 
+#include "calib/camera.hpp"
 #include "calib/depth.hpp"
 #include "calib/frame.hpp"
 #include "calib/geometry.hpp"
@@ -60,7 +61,7 @@ struct FeaturePlanes {
 ///
 /// A feature is a rank: the value's place among all values of the frame in equal steps 0 .. 239 (a histogram with equal
 /// populations). Ranks do not change under any monotone distortion, so relative inverse depth of unknown scale serves
-/// as well as metres. The number is one that classes of 4, 8 and 16 ranks divide; `none` falls into a class of its own.
+/// as well as metres. Classes of 4, 8 or 16 ranks divide their number evenly, and `none` falls into a class of its own.
 /// Depth is compared as what the LiDAR measures, as distance along the ray from the camera, not along its axis: else
 /// the relation between the two would change over the image. All ranks of distance grow with it.
 struct FeatureSet {

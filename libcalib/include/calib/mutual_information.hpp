@@ -21,8 +21,9 @@ enum class FeaturePair {
 /// One term of an objective.
 struct Term {
   FeaturePair features = FeaturePair::depth;
-  double weight = 1;
-  /// Ranks per class: 4, 8 or 16 make 60, 30 or 15 classes. More classes give a sharper optimum, fewer a wider basin.
+  double weight = 1;  // positive
+  /// A power of two up to 16: 1, 4, 8 or 16 make 240, 60, 30 or 15 classes. More classes give a sharper optimum, fewer
+  /// a wider basin.
   int ranks_per_class = 4;
   /// Normalised mutual information (H(X) + H(Y)) / H(X, Y), after Studholme 1999, of a joint histogram smoothed with
   /// [1 2 1] / 4 in both directions: 1 for independent features, at most 2. It is the one that a change of overlap

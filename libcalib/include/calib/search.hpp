@@ -15,8 +15,8 @@ using Matrix6 = Eigen::Matrix<double, 6, 6>;
 enum class Method {
   /// Ours. Normalised mutual information of ranks; from a coarse look around by few classes to many; where only the
   /// rotation is sought, depth ranked by tiles in the end, which a spatially varying bias of the depth cannot move; and
-  /// intensity beside depth, which counts for as much as it
-  /// shows: where it shows nothing (night, no reflectance), its score is the same everywhere.
+  /// intensity beside depth, which counts for as much as it shows: where it shows nothing (night, no reflectance), its
+  /// score is the same everywhere.
   standard,
   /// The paper's D2D objective and Algorithm 1: one BOBYQA from the start.
   d2d,
@@ -34,7 +34,8 @@ enum class Method {
 struct SearchSettings {
   /// The extrinsic stays within these of the starting one, per axis, in the LiDAR frame.
   SearchBounds bounds;
-  /// Orientations all around are tried, and `bounds.rotation_rad` does not hold.
+  /// Orientations all around are tried (by the standard method; the others start where they start), and
+  /// `bounds.rotation_rad` does not hold. Takes roll, pitch and yaw released.
   bool any_orientation = false;
   /// Axes (roll, pitch, yaw, x, y, z of the LiDAR at the start) that may move.
   std::array<bool, 6> released{true, true, true, true, true, true};
@@ -79,8 +80,10 @@ struct Uncertainty {
 [[nodiscard]] Result<SearchResult> search(Frames frames, const RigidTransform& T_camera_lidar, Method method,
                                           const SearchSettings& settings = {});
 
-/// At the optimum `T_camera_lidar` of `objective`. No standard deviation is larger than the bounds; axes that are not
-/// released have none.
+/// At the optimum `T_camera_lidar` of `objective`. Directions that the frames tell nothing of are as uncertain as the
+/// bounds are wide; with all six axes released that is said of turns about the point ahead, so that the LiDAR's own
+/// place may be less certain than its bounds. Axes that are not released have no standard deviation. One frame has no
+/// scatter: the covariances are zero then, and no axis is observable.
 [[nodiscard]] Uncertainty uncertainty(Frames frames, const RigidTransform& T_camera_lidar, const Objective& objective,
                                       const SearchSettings& settings = {});
 
