@@ -70,12 +70,16 @@ void classify(const std::vector<float>& values, int width, const Window& window,
 
 std::vector<std::uint8_t> classes(const std::vector<float>& values, const BearingGrid& grid, Limits limits_of,
                                   int columns = 1, int rows = 1) {
-  std::vector<std::uint8_t> plane(grid.plane_size(), FeatureSet::none);
+  std::vector<std::uint8_t> plane(grid.pixels(), FeatureSet::none);
+  // The first pixel whose middle lies in a part, which is where the vector code draws the line too.
+  const auto edge = [](int part, int parts, int extent) {
+    return static_cast<int>((2 * static_cast<std::int64_t>(part) * extent + parts - 1) / (2 * parts));
+  };
   for (int row = 0; row < rows; ++row)
     for (int column = 0; column < columns; ++column)
       classify(values, grid.width,
-               {column * grid.width / columns, row * grid.height / rows, (column + 1) * grid.width / columns,
-                (row + 1) * grid.height / rows},
+               {edge(column, columns, grid.width), edge(row, rows, grid.height), edge(column + 1, columns, grid.width),
+                edge(row + 1, rows, grid.height)},
                limits_of, plane);
   return plane;
 }
@@ -83,9 +87,9 @@ std::vector<std::uint8_t> classes(const std::vector<float>& values, const Bearin
 std::vector<std::uint8_t> classes(const std::vector<float>& values, Limits limits_of) {
   std::vector<std::uint8_t> result(values.size());
   if (values.empty()) return result;
-  // Points come in an order whose beginning is an even sample.
-  constexpr std::size_t enough = 16384;
-  const std::vector<float> limits = limits_of({values.begin(), values.begin() + std::min(values.size(), enough)});
+  std::vector<float> sample;
+  for (std::size_t i = 0; i < values.size(); i += values.size() / 16384 + 1) sample.push_back(values[i]);
+  const std::vector<float> limits = limits_of(std::move(sample));
   std::ranges::transform(values, result.begin(), [&](float value) { return class_of(value, limits); });
   return result;
 }
@@ -245,12 +249,15 @@ BearingGrid BearingGrid::of(const Camera& camera) {
                    static_cast<float>(camera.cy()),
                    0};
   if (camera.model() == CameraModel::rectified) return grid;
-  // The pinhole or stereographic picture of all that the image shows, as fine as the image is on the average.
+  // The pinhole or stereographic picture of what the image shows, as fine as the image is on the average. The corners
+  // of a round image would claim most of it: a model goes on where the lens does not.
+  constexpr double widest_rad = 115 * radians_per_degree;
   grid.xi = camera.max_angle_rad() < std::numbers::pi / 3 ? 0 : 1;
   Eigen::Vector2d least = Eigen::Vector2d::Constant(1e9), most = -least;
-  for (int v = 0; v < camera.height(); v += 4)
-    for (int u = 0; u < camera.width(); u += 4)
-      if (const auto bearing = camera.unproject(Eigen::Vector2d(u, v)); bearing && camera.project(*bearing)) {
+  for (int v = 0; v < camera.height(); ++v)
+    for (int u = 0; u < camera.width(); u += v % 8 == 0 ? 1 : camera.width() - 1)  // every eighth row, and the sides
+      if (const auto bearing = camera.unproject(Eigen::Vector2d(u, v));
+          bearing && bearing->z() > std::cos(widest_rad) && camera.project(*bearing)) {
         const Eigen::Vector2d place = bearing->head<2>() / (bearing->z() + grid.xi);
         least = least.cwiseMin(place);
         most = most.cwiseMax(place);

@@ -58,18 +58,20 @@ HWY_INLINE void project_vector(const float* x_m, const float* y_m, const float* 
   append(place, landed.pixel);
   append(hn::Iota(ints, static_cast<std::int32_t>(first)), landed.point);
   if (!with_tiles) return;
-  const auto tile_of = [&](auto value, int tiles, int extent) HWY_ATTR {
+  const auto tile_of = [&](auto pixel, int tiles, int extent) HWY_ATTR {
     const auto scale = hn::Set(f, static_cast<float>(tiles) / static_cast<float>(extent));
-    return hn::Min(hn::ConvertTo(ints, hn::Mul(value, scale)), hn::Set(ints, tiles - 1));
+    const auto middle = hn::Add(hn::ConvertTo(f, pixel), hn::Set(f, 0.5F));
+    return hn::Min(hn::ConvertTo(ints, hn::Mul(middle, scale)), hn::Set(ints, tiles - 1));
   };
-  const auto across = tile_of(u_seen, FeatureSet::tile_columns, grid.width);
-  const auto down = tile_of(v_seen, FeatureSet::tile_rows, grid.height);
+  const auto across = tile_of(column, FeatureSet::tile_columns, grid.width);
+  const auto down = tile_of(line, FeatureSet::tile_rows, grid.height);
   append(hn::Add(hn::Mul(down, hn::Set(ints, FeatureSet::tile_columns)), across), landed.tile);
 }
 
 void Project(const FeatureSet& features, std::size_t first, std::size_t count, const Projection& projection,
              bool with_tiles, Landed& landed) {
   constexpr std::size_t most_lanes = HWY_MAX_BYTES / sizeof(float);
+  static_assert(most_lanes <= Landed::slack);
   const std::size_t lanes = hn::Lanes(Floats());
   const float *x = &features.x_m[first], *y = &features.y_m[first], *z = &features.z_m[first];
   landed.count = 0;

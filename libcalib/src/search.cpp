@@ -116,11 +116,11 @@ Result<SearchResult> search(Frames frames, const RigidTransform& T_camera_lidar,
   if (frames.empty()) return fail("too_few_pairs", "there is no frame to search with");
   if (std::ranges::none_of(settings.released, [](bool axis) { return axis; }))
     return fail("search_failed", "no axis is released");
-  if (settings.any_orientation &&
-      !std::all_of(settings.released.begin(), settings.released.begin() + 3, [](bool axis) { return axis; }))
-    return fail("search_failed", "for any orientation roll, pitch and yaw must be released");
   if (!T_camera_lidar.matrix().allFinite()) return fail("search_failed", "the extrinsic is not a number");
   Search search(frames, T_camera_lidar, settings);
+  if (settings.any_orientation && search.parameters() == 0)
+    return fail("search_failed",
+                "for any orientation roll, pitch and yaw must be released, and all of x, y, z or none");
   const auto found = method == Method::standard ? search_standard(search, T_camera_lidar, settings)
                                                 : search_as_published(search, T_camera_lidar, method, settings);
   if (!found) return tl::unexpected(found.error());
@@ -130,8 +130,8 @@ Result<SearchResult> search(Frames frames, const RigidTransform& T_camera_lidar,
   result.delta = search.delta_of(found->T);
   result.objective = found->objective;
   result.depth_is_biased = found->depth_is_biased;
-  const Score before = mean_score(search.view().frames(), T_camera_lidar, found->objective);
-  const Score after = mean_score(search.view().frames(), found->T, found->objective);
+  const Score before = mean_score(frames, T_camera_lidar, found->objective);
+  const Score after = mean_score(frames, found->T, found->objective);
   if (after.points < min_scored_points)
     return fail("search_failed", "hardly a LiDAR point is in view; do camera and LiDAR look the same way?");
   result.score_before = before.value;

@@ -210,7 +210,8 @@ Result<RigidTransform> Search::maximise_along(const RigidTransform& T_base, cons
   const std::vector<double> room(6, 30);
   RigidTransform best = T_base;
   double best_value = value(T_base, objective);
-  for (int pass = 0; pass < 3; ++pass) {
+  // The second pass takes wide steps, over the small hills that a flat valley is full of.
+  for (const double first_step : {1.0, 3.0, 1.0}) {
     const RigidTransform T_centre = best;
     const double before = best_value;
     const auto at = [&](const std::vector<double>& x) {
@@ -222,9 +223,10 @@ Result<RigidTransform> Search::maximise_along(const RigidTransform& T_base, cons
       }
       return result;
     };
-    if (auto done = optimise(std::vector<double>(6, 0.0), room, {.tolerance = 0.05}, at); !done)
+    if (auto done = optimise(std::vector<double>(6, 0.0), room, {.first_step = first_step, .tolerance = 0.05}, at);
+        !done)
       return tl::unexpected(done.error());
-    if (best_value - before < negligible_gain) break;
+    if (first_step > 1 && best_value - before < negligible_gain) break;
   }
   return best;
 }

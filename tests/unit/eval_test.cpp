@@ -161,8 +161,8 @@ TEST_CASE("a joint histogram counts points where they land, and none that are ou
   auto planes = std::make_shared<FeaturePlanes>();
   planes->grid = {.width = 2, .height = 1, .fx = 1, .fy = 1, .cx = 0, .cy = 0, .xi = 0};
   planes->depth_rank = {8, FeatureSet::none};
-  planes->depth_rank.resize(planes->grid.plane_size(), FeatureSet::none);
-  planes->grey_rank.assign(planes->grid.plane_size(), 239);
+  planes->depth_rank.resize(planes->grid.pixels(), FeatureSet::none);
+  planes->grey_rank.assign(planes->grid.pixels(), 239);
   FeatureSet frame;
   frame.planes = planes;
   // On the first pixel twice, on the second one (no depth), behind the camera, beside the image.

@@ -27,7 +27,7 @@ FeatureSet board(const RankAt& first, const RankAt& second) {
   FeaturePlanes planes;
   planes.grid = {side, side, 300, 300, side / 2, side / 2, 0};
   planes.max_angle_rad = 0.6;
-  planes.depth_rank.assign(planes.grid.plane_size(), FeatureSet::none);
+  planes.depth_rank.assign(planes.grid.pixels(), FeatureSet::none);
   FeatureSet features;
   for (int v = 0; v < side; ++v)
     for (int u = 0; u < side; ++u) {

@@ -31,9 +31,6 @@ struct BearingGrid {
   /// Unit bearing (optical frame) of a pixel.
   [[nodiscard]] Eigen::Vector3d bearing(double u, double v) const;
   [[nodiscard]] std::size_t pixels() const { return static_cast<std::size_t>(width) * height; }
-  /// What a plane of one byte per pixel holds: behind the pixels one that has no value, for points that are not in
-  /// view, and room to read four bytes at any of them.
-  [[nodiscard]] std::size_t plane_size() const { return pixels() + 4; }
 };
 
 /// What `make_features` prepares, by what it serves.
@@ -45,7 +42,7 @@ struct FeatureSettings {
   bool linear = false;
 };
 
-/// What is kept of an image and its depth: planes of the grid, row-major, `grid.plane_size()` bytes or empty.
+/// What is kept of an image and its depth: planes of the grid, row-major, `grid.pixels()` bytes or empty.
 struct FeaturePlanes {
   BearingGrid grid;
   /// Ranks of depth among the whole image, of depth among its tile of 8 x 3, and of brightness.
