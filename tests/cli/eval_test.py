@@ -348,3 +348,15 @@ def test_help_and_version_are_answers(evaluate):
     assert evaluate("--version").out.startswith("calib-eval ")
     for words in ([], ["calibrate"], ["curve"], ["surface"], ["plot"]):
         assert evaluate(*words, "--help").exit == DONE
+
+
+@pytest.mark.parametrize("bias", [[], ["--depth-bias", "0.3", "--seed", "1"]])
+def test_biased_depth_is_found_out_on_recorded_frames(evaluate, kitti_drive, tmp_path, bias):
+    ended = evaluate("calibrate", "--dataset", "kitti-raw", "--root", kitti_drive, "--depth-dir",
+                     kitti_drive / "depth" / "stereo_net", "--depth-kind", "disparity", *bias, "--dof", "6", "--rotation-deg",
+                     "1", "--translation-cm", "25", "--starts", "2", "--json", tmp_path / "result.json")
+    assert ended.exit == DONE, ended.err
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert [run["depth_is_biased"] for run in result["runs"]] == [bool(bias)] * 2
+    (cell,) = result["cells"]
+    assert cell["hits"] == 2 and cell["hit_rotation_error_deg"] < 0.15 and cell["hit_translation_error_cm"] < 10
