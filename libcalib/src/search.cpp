@@ -28,8 +28,11 @@ struct Optimum {
 Result<Optimum> finish_six(Search& search, const RigidTransform& T_near) {
   constexpr double same_rotation_rad = 0.1 * radians_per_degree;
   const Objective whole = final_objective(Method::standard, {true, true, true, true, true, true});
-  const Matrix6 directions = search.hill_directions(T_near, objective_of({{.ranks_per_class = 8}}));
-  const auto found = search.maximise_along(T_near, directions, whole);
+  const Objective hill = objective_of({{.ranks_per_class = 8}});
+  const Matrix6 directions = search.hill_directions(T_near, hill);
+  const auto T_hill = search.maximise_along(T_near, directions, hill);
+  if (!T_hill) return tl::unexpected(T_hill.error());
+  const auto found = search.maximise_along(*T_hill, directions, whole);
   if (!found) return tl::unexpected(found.error());
   const auto by_tiles =
       search.maximise(*found, 3, 0.3, final_objective(Method::standard, {true, true, true, false, false, false}), 25);
