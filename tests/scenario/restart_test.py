@@ -22,7 +22,7 @@ def test_a_killed_daemon_goes_on_where_it_was(bin_dir, tmp_path, dds_domain, slo
         killed, sequences = 0, []
         while not sequences or sequences[-1] < 2 or killed < 12:
             drive.wait_for(lambda _: True, 30)
-            time.sleep(moments.uniform(0, 8))
+            time.sleep(moments.uniform(0, 8 * slowdown))  # some of the time enough to recalibrate
             before, counts = drive.status(), kept(tmp_path)
             drive.kill_calibd()
             killed += 1
