@@ -4,6 +4,8 @@
 #include <bit>
 #include <cassert>
 #include <cmath>
+#include <tuple>
+#include <utility>
 #include <vector>
 
 #include "joint_histogram.hpp"
@@ -11,44 +13,49 @@
 namespace calib {
 namespace {
 
+using Ranks = std::vector<std::uint8_t>;
+
+/// The points' feature and the pixels'.
+std::pair<const Ranks*, const Ranks*> features_of(FeaturePair pair, const FeatureSet& frame) {
+  const FeaturePlanes& planes = *frame.planes;
+  switch (pair) {
+    case FeaturePair::depth:
+      break;
+    case FeaturePair::tiled_depth:
+      return {&frame.range_rank, &planes.tile_depth_rank};
+    case FeaturePair::intensity:
+      return {&frame.reflectance_rank, &planes.grey_rank};
+    case FeaturePair::linear_depth:
+      return {&frame.range_linear, &planes.depth_linear};
+    case FeaturePair::linear_intensity:
+      return {&frame.reflectance_linear, &planes.grey_linear};
+  }
+  return {&frame.range_rank, &planes.depth_rank};
+}
+
 /// A term, made out for one frame.
 struct Counting {
-  explicit Counting(const Term& term, const FeatureSet& features)
+  Counting(const Term& term, const FeatureSet& frame)
       : classes(FeatureSet::ranks / term.ranks_per_class), tiled(term.features == FeaturePair::tiled_depth) {
     assert(std::has_single_bit(static_cast<unsigned>(term.ranks_per_class)) && term.ranks_per_class <= 16);
     shape.class_shift = std::countr_zero(static_cast<unsigned>(term.ranks_per_class));
     shape.row_shift = std::bit_width(static_cast<unsigned>(FeatureSet::none >> shape.class_shift));
     shape.table_shift = 2 * shape.row_shift;
     tables = tiled ? FeatureSet::tile_columns * FeatureSet::tile_rows : 1;
-    switch (term.features) {
-      case FeaturePair::depth:
-        rows = &features.range_rank, plane = &features.planes->depth_rank;
-        break;
-      case FeaturePair::tiled_depth:
-        rows = &features.range_rank, plane = &features.planes->tile_depth_rank;
-        break;
-      case FeaturePair::intensity:
-        rows = &features.reflectance_rank, plane = &features.planes->grey_rank;
-        break;
-      case FeaturePair::linear_depth:
-        rows = &features.range_linear, plane = &features.planes->depth_linear;
-        break;
-      case FeaturePair::linear_intensity:
-        rows = &features.reflectance_linear, plane = &features.planes->grey_linear;
-        break;
-    }
+    std::tie(rows, plane) = features_of(term.features, frame);
   }
   [[nodiscard]] bool possible() const { return !rows->empty() && !plane->empty(); }
 
   int classes, tables = 1;
   bool tiled;
   CountsShape shape{};
-  const std::vector<std::uint8_t>*rows = nullptr, *plane = nullptr;
+  const Ranks *rows = nullptr, *plane = nullptr;
 };
 
 /// Scratch memory of a thread, kept between calls.
 struct Scratch {
   Landed landed;
+  std::vector<Counting> countings;
   std::array<std::vector<std::uint32_t>, 3> counts;
   std::vector<double> across, joint, row_sums, column_sums;
 };
@@ -139,7 +146,8 @@ Projection projection_of(const FeatureSet& features, const RigidTransform& T_cam
 Score score(const FeatureSet& features, const RigidTransform& T_camera_lidar, const Objective& objective) {
   assert(objective.count >= 1 && objective.count <= 3 && objective.stride >= 1);
   static thread_local Scratch scratch;
-  std::vector<Counting> countings;
+  std::vector<Counting>& countings = scratch.countings;
+  countings.clear();
   bool with_tiles = false;
   for (const Term& term : objective.all()) {
     const Counting& counting = countings.emplace_back(term, features);

@@ -33,11 +33,19 @@ std::string name_of(const Cell& cell) {
   return name;
 }
 
-/// Features for looking around: made once, for all objectives.
-Result<std::vector<FeatureSet>> features_around(const Footage& footage, const LandscapeOptions& options, int threads) {
+/// What is looked at: features are made once, for all objectives.
+struct Landscape {
+  Footage footage;
+  std::vector<FeatureSet> features;
+};
+Result<Landscape> look(const FootageOptions& footage_options, const LandscapeOptions& options) {
+  auto footage = read(footage_options);
+  if (!footage) return tl::unexpected(footage.error());
   bool linear = false;
   for (const Method method : options.methods) linear |= needs_linear_features(method);
-  return footage.features({.bounds = options.around.bounds(), .linear = linear}, threads);
+  auto features = footage->features({.bounds = options.around.bounds(), .linear = linear}, footage_options.threads);
+  if (!features) return tl::unexpected(features.error());
+  return Landscape{*std::move(footage), *std::move(features)};
 }
 
 std::array<bool, 6> released(int degrees_of_freedom) { return Cell{{}, degrees_of_freedom, {}}.released(); }
@@ -86,22 +94,20 @@ Result<void> calibrate(const FootageOptions& footage_options, const CalibrateOpt
   return {};
 }
 
-Result<void> curves(const FootageOptions& footage_options, const LandscapeOptions& options,
-                    const CommandWords& words) {
-  const auto footage = read(footage_options);
-  if (!footage) return tl::unexpected(footage.error());
-  const auto features = features_around(*footage, options, footage_options.threads);
-  if (!features) return tl::unexpected(features.error());
-  const auto frames = pointers(*features);
-  Json result = describe("curve", words, footage_options, *footage);
+Result<void> curves(const FootageOptions& footage_options, const LandscapeOptions& options, const CommandWords& words) {
+  const auto seen = look(footage_options, options);
+  if (!seen) return tl::unexpected(seen.error());
+  const auto& [footage, features] = *seen;
+  const auto frames = pointers(features);
+  Json result = describe("curve", words, footage_options, footage);
   result["curves"] = Json::array();
-  std::cout << frames_line(*footage) << '\n';
+  std::cout << frames_line(footage) << '\n';
   for (const Method method : options.methods) {
     const Objective objective = final_objective(method, released(options.degrees_of_freedom));
     std::cout << to_string(method) << " scores best at";
     for (int axis = 0; axis < 6; ++axis) {
       const Curve along =
-          curve(frames, footage->T_camera_lidar, objective, axis, options.around, footage_options.threads);
+          curve(frames, footage.T_camera_lidar, objective, axis, options.around, footage_options.threads);
       std::cout << (axis == 0 ? " " : ", ") << axis_names[axis] << ' ' << along.peak() << ' ' << unit_of(axis);
       result["curves"].push_back(to_json(along, method, options.degrees_of_freedom));
     }
@@ -112,19 +118,18 @@ Result<void> curves(const FootageOptions& footage_options, const LandscapeOption
 
 Result<void> surfaces(const FootageOptions& footage_options, const LandscapeOptions& options,
                       const CommandWords& words) {
-  const auto footage = read(footage_options);
-  if (!footage) return tl::unexpected(footage.error());
-  const auto features = features_around(*footage, options, footage_options.threads);
-  if (!features) return tl::unexpected(features.error());
-  const auto frames = pointers(*features);
-  Json result = describe("surface", words, footage_options, *footage);
+  const auto seen = look(footage_options, options);
+  if (!seen) return tl::unexpected(seen.error());
+  const auto& [footage, features] = *seen;
+  const auto frames = pointers(features);
+  Json result = describe("surface", words, footage_options, footage);
   result["surfaces"] = Json::array();
   Progress progress("surfaces", options.methods.size() * options.axis_pairs.size());
   for (const Method method : options.methods) {
     const Objective objective = final_objective(method, released(options.degrees_of_freedom));
     for (const auto& axes : options.axis_pairs) {
       const Surface over =
-          surface(frames, footage->T_camera_lidar, objective, axes, options.around, footage_options.threads);
+          surface(frames, footage.T_camera_lidar, objective, axes, options.around, footage_options.threads);
       result["surfaces"].push_back(to_json(over, method, options.degrees_of_freedom));
       progress.step();
     }
