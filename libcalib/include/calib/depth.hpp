@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "calib/camera.hpp"
@@ -28,6 +29,12 @@ class DepthEstimator {
   virtual ~DepthEstimator() = default;
   /// Depth for `pair.image`, of the same size. Fails with `depth_failed`.
   [[nodiscard]] virtual Result<DepthMap> estimate(const FramePair& pair) = 0;
+  /// Once, before the first pair: loads and proves what can be proven, such as a network's pinned hash and golden pair.
+  /// Returns a remark for the log, empty when there is none. Fails with `depth_failed`.
+  [[nodiscard]] virtual Result<std::string> prepare() { return std::string(); }
+  /// From any thread, to shut down: ends an `estimate` or `prepare` that is going on, as far as the source can be
+  /// interrupted; that one and all later ones fail with `depth_failed`.
+  virtual void cancel() {}
 };
 
 }  // namespace calib

@@ -18,6 +18,9 @@ struct Image {
   int width = 0;
   int height = 0;
   std::vector<std::uint8_t> pixels;
+  /// The same in colour, red, green and blue interleaved: three bytes a pixel. Empty when the source is grey or colour
+  /// was not asked for.
+  std::vector<std::uint8_t> rgb = {};
 };
 
 /// One LiDAR return in the LiDAR frame.
