@@ -1,19 +1,15 @@
 #include "config.hpp"
 
-#include <fmt/format.h>
-
 #include <algorithm>
-#include <fstream>
 
+#include "calib/config_node.hpp"
 #include "calib/record.hpp"
-#include "config_yaml.hpp"
 #include "dds/names.hpp"
 
 namespace calib {
 namespace {
 
 using namespace std::chrono_literals;
-constexpr std::size_t max_bytes = 1 << 20;
 constexpr std::size_t max_pairs = 16;
 
 /// A name that may stand in topics, file names and terminals as it is.
@@ -210,30 +206,17 @@ Config read_config(const ConfigNode& top, const Places& places) {
 }  // namespace
 
 Result<Config> parse_config(std::string_view yaml, const std::filesystem::path& file, const Places& places) {
-  const auto refuse = [&](int line, std::string_view message) {
-    return fail("bad_config", fmt::format("{}:{}: {}", file.string(), line, message));
-  };
-  if (yaml.size() > max_bytes) return refuse(1, "is larger than 1 MiB");
-  try {
-    Config config = read_config(ConfigNode::parse(std::string(yaml)), places);
-    config.sha256 = sha256_hex(yaml);
-    return config;
-  } catch (const BadConfig& bad) {
-    return refuse(bad.line, bad.message);
-  } catch (const YAML::Exception& e) {
-    return refuse(std::max(e.mark.line, 0) + 1, "not YAML: " + e.msg);
-  }
+  Config config;
+  const auto read = parse_config_text(yaml, file, [&](const ConfigNode& top) { config = read_config(top, places); });
+  if (!read) return tl::unexpected(read.error());
+  config.sha256 = sha256_hex(yaml);
+  return config;
 }
 
 Result<Config> load_config(const std::filesystem::path& file, const Places& places) {
-  std::ifstream in(file, std::ios::binary);
-  std::string yaml(max_bytes + 1, '\0');
-  in.read(yaml.data(), static_cast<std::streamsize>(yaml.size()));
-  if (!in.is_open() || in.bad())
-    return fail("config_not_found",
-                fmt::format("{}: cannot be read; give the file with --config FILE", file.string()));
-  yaml.resize(static_cast<std::size_t>(in.gcount()));
-  return parse_config(yaml, file, places);
+  const auto yaml = read_config_text(file);
+  if (!yaml) return fail(yaml.error().code, yaml.error().context + "; give the file with --config FILE");
+  return parse_config(*yaml, file, places);
 }
 
 }  // namespace calib

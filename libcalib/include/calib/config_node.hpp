@@ -3,16 +3,19 @@
 #include <yaml-cpp/yaml.h>
 
 #include <chrono>
+#include <filesystem>
+#include <functional>
 #include <initializer_list>
 #include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "calib/result.hpp"
+
 namespace calib {
 
-/// The first thing wrong in a configuration. Thrown by `ConfigNode`, caught by `parse_config`; goes no
-/// further.
+/// The first thing wrong in a configuration. Thrown by `ConfigNode`, caught by `parse_config_text`; goes no further.
 struct BadConfig {
   int line;  // from 1
   std::string message;
@@ -29,6 +32,7 @@ class ConfigNode {
 
   /// This must be a mapping of no other keys than these, each once.
   const ConfigNode& with_keys(std::initializer_list<std::string_view> allowed) const;
+  /// Refuses when this is no mapping.
   [[nodiscard]] std::optional<ConfigNode> find(std::string_view key) const;
   /// Refuses when the key is missing.
   [[nodiscard]] ConfigNode at(std::string_view key) const;
@@ -38,18 +42,29 @@ class ConfigNode {
   [[nodiscard]] std::string text() const;
   [[nodiscard]] double number(double min, double max) const;
   [[nodiscard]] int integer(int min, int max) const;
+  /// Written as true or false.
+  [[nodiscard]] bool boolean() const;
   [[nodiscard]] std::vector<double> numbers(std::size_t count, double min, double max) const;
   /// Written as a number and ms, s, min or h.
-  [[nodiscard]] std::chrono::nanoseconds duration(std::chrono::nanoseconds min,
-                                                  std::chrono::nanoseconds max) const;
+  [[nodiscard]] std::chrono::nanoseconds duration(std::chrono::nanoseconds min, std::chrono::nanoseconds max) const;
 
  private:
   ConfigNode(YAML::Node node, std::string key, int line);
+  [[nodiscard]] std::string key_of(std::string_view child) const;
   [[nodiscard]] std::string plain_scalar(std::string_view needed) const;
 
   YAML::Node node_;
   std::string key_;  // e.g. pairs[0].camera.size; empty for the document
   int line_;
 };
+
+/// Hands `yaml`, said to be of `file`, to `read`. Fails with `bad_config` and one line
+/// `FILE:LINE: pairs[0].camera.size: what is wrong; what to write` for the first thing that is: a text larger than
+/// 1 MiB or that is not one YAML document, or what `read` refuses.
+[[nodiscard]] Result<void> parse_config_text(std::string_view yaml, const std::filesystem::path& file,
+                                             const std::function<void(const ConfigNode&)>& read);
+
+/// The text of a file, of which at most 1 MiB and a byte is read. Fails with `config_not_found`.
+[[nodiscard]] Result<std::string> read_config_text(const std::filesystem::path& file);
 
 }  // namespace calib

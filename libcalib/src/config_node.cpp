@@ -1,18 +1,19 @@
-#include "config_yaml.hpp"
+#include "calib/config_node.hpp"
 
-#include <fmt/format.h>
-#include <fmt/ranges.h>
 #include <yaml-cpp/eventhandler.h>
 
 #include <algorithm>
 #include <array>
 #include <charconv>
 #include <cmath>
+#include <fstream>
 #include <set>
 #include <sstream>
 
 namespace calib {
 namespace {
+
+constexpr std::size_t max_bytes = 1 << 20;
 
 template <typename Number>
 std::optional<Number> parse_number(std::string_view text) {
@@ -28,8 +29,14 @@ struct Unit {
 };
 constexpr std::array units{Unit{"ms", 1e-3}, Unit{"min", 60}, Unit{"s", 1}, Unit{"h", 3600}};
 
+/// As %g writes it, whatever the locale is.
+std::string in_words(double number) {
+  std::array<char, 32> text;
+  return {text.data(), std::to_chars(text.begin(), text.end(), number, std::chars_format::general, 6).ptr};
+}
+
 std::string in_words(std::chrono::nanoseconds duration) {
-  return fmt::format("{:g}s", std::chrono::duration<double>(duration).count());
+  return in_words(std::chrono::duration<double>(duration).count()) + "s";
 }
 
 /// Counts documents as they are parsed.
@@ -40,11 +47,9 @@ struct DocumentCount : YAML::EventHandler {
   void OnNull(const YAML::Mark&, YAML::anchor_t) override {}
   void OnAlias(const YAML::Mark&, YAML::anchor_t) override {}
   void OnScalar(const YAML::Mark&, const std::string&, YAML::anchor_t, const std::string&) override {}
-  void OnSequenceStart(const YAML::Mark&, const std::string&, YAML::anchor_t,
-                       YAML::EmitterStyle::value) override {}
+  void OnSequenceStart(const YAML::Mark&, const std::string&, YAML::anchor_t, YAML::EmitterStyle::value) override {}
   void OnSequenceEnd() override {}
-  void OnMapStart(const YAML::Mark&, const std::string&, YAML::anchor_t, YAML::EmitterStyle::value) override {
-  }
+  void OnMapStart(const YAML::Mark&, const std::string&, YAML::anchor_t, YAML::EmitterStyle::value) override {}
   void OnMapEnd() override {}
 };
 
@@ -74,39 +79,39 @@ ConfigNode ConfigNode::parse(const std::string& yaml) {
   return {std::move(top), "", line};
 }
 
+std::string ConfigNode::key_of(std::string_view child) const {
+  return (key_.empty() ? "" : key_ + ".") + std::string(child);
+}
+
 void ConfigNode::refuse(std::string_view what) const {
-  throw BadConfig{line_, key_.empty() ? std::string(what) : fmt::format("{}: {}", key_, what)};
+  throw BadConfig{line_, (key_.empty() ? "" : key_ + ": ") + std::string(what)};
 }
 
 const ConfigNode& ConfigNode::with_keys(std::initializer_list<std::string_view> allowed) const {
-  const std::string known = fmt::format("{}", fmt::join(allowed, ", "));
+  std::string known;
+  for (const std::string_view name : allowed) known.append(known.empty() ? "" : ", ").append(name);
   if (!node_.IsMap()) refuse("needs a mapping with the keys " + known);
   std::set<std::string> seen;
   for (const auto& entry : node_) {
     if (!entry.first.IsScalar()) refuse("holds a key that is no word; known keys are " + known);
     const std::string& name = entry.first.Scalar();
-    const ConfigNode child(entry.second, key_.empty() ? name : key_ + "." + name,
-                           entry.first.Mark().line + 1);
-    if (std::ranges::find(allowed, name) == allowed.end())
-      child.refuse("unknown key; known keys are " + known);
+    const ConfigNode child(entry.second, key_of(name), entry.first.Mark().line + 1);
+    if (std::ranges::find(allowed, name) == allowed.end()) child.refuse("unknown key; known keys are " + known);
     if (!seen.insert(name).second) child.refuse("given twice; remove one");
   }
   return *this;
 }
 
 std::optional<ConfigNode> ConfigNode::find(std::string_view key) const {
+  if (!node_.IsMap()) refuse("needs a mapping");
   for (const auto& entry : node_)
-    if (entry.first.Scalar() == key)
-      return ConfigNode(entry.second, key_.empty() ? std::string(key) : fmt::format("{}.{}", key_, key),
-                        entry.first.Mark().line + 1);
+    if (entry.first.Scalar() == key) return ConfigNode(entry.second, key_of(key), entry.first.Mark().line + 1);
   return std::nullopt;
 }
 
 ConfigNode ConfigNode::at(std::string_view key) const {
   auto child = find(key);
-  if (!child)
-    ConfigNode(node_, key_.empty() ? std::string(key) : fmt::format("{}.{}", key_, key), line_)
-        .refuse("missing; add it");
+  if (!child) ConfigNode(node_, key_of(key), line_).refuse("missing; add it");
   return *child;
 }
 
@@ -114,7 +119,7 @@ std::vector<ConfigNode> ConfigNode::items() const {
   if (!node_.IsSequence()) refuse("needs a list");
   std::vector<ConfigNode> items;
   for (std::size_t i = 0; i < node_.size(); ++i)
-    items.push_back({node_[i], fmt::format("{}[{}]", key_, i), node_[i].Mark().line + 1});
+    items.push_back({node_[i], key_ + "[" + std::to_string(i) + "]", node_[i].Mark().line + 1});
   return items;
 }
 
@@ -128,44 +133,75 @@ std::string ConfigNode::text() const {
 
 /// Quoted, a number is text: yaml-cpp marks that with the tag `!`.
 std::string ConfigNode::plain_scalar(std::string_view needed) const {
-  if (!node_.IsScalar() || node_.Tag() != "?") refuse(fmt::format("needs {}", needed));
+  if (!node_.IsScalar() || node_.Tag() != "?") refuse("needs " + std::string(needed));
   return node_.Scalar();
 }
 
 double ConfigNode::number(double min, double max) const {
   const auto value = parse_number<double>(plain_scalar("a number"));
   if (!value || !std::isfinite(*value)) refuse("needs a number");
-  if (*value < min || *value > max) refuse(fmt::format("{:g} is outside {:g} .. {:g}", *value, min, max));
+  if (*value < min || *value > max) refuse(in_words(*value) + " is outside " + in_words(min) + " .. " + in_words(max));
   return *value;
 }
 
 int ConfigNode::integer(int min, int max) const {
   const auto value = parse_number<std::int64_t>(plain_scalar("a whole number"));
   if (!value) refuse("needs a whole number");
-  if (*value < min || *value > max) refuse(fmt::format("{} is outside {} .. {}", *value, min, max));
+  if (*value < min || *value > max)
+    refuse(std::to_string(*value) + " is outside " + std::to_string(min) + " .. " + std::to_string(max));
   return static_cast<int>(*value);
 }
 
+bool ConfigNode::boolean() const {
+  const std::string text = plain_scalar("true or false");
+  if (text != "true" && text != "false") refuse("needs true or false");
+  return text == "true";
+}
+
 std::vector<double> ConfigNode::numbers(std::size_t count, double min, double max) const {
-  if (!node_.IsSequence() || node_.size() != count) refuse(fmt::format("needs a list of {} numbers", count));
+  if (!node_.IsSequence() || node_.size() != count) refuse("needs a list of " + std::to_string(count) + " numbers");
   std::vector<double> values;
   for (const ConfigNode& item : items()) values.push_back(item.number(min, max));
   return values;
 }
 
-std::chrono::nanoseconds ConfigNode::duration(std::chrono::nanoseconds min,
-                                              std::chrono::nanoseconds max) const {
+std::chrono::nanoseconds ConfigNode::duration(std::chrono::nanoseconds min, std::chrono::nanoseconds max) const {
   constexpr std::string_view needed = "a duration such as 500ms, 10s or 2min";
-  if (!node_.IsScalar()) refuse(fmt::format("needs {}", needed));
+  if (!node_.IsScalar()) refuse("needs " + std::string(needed));
   const std::string& text = node_.Scalar();
   const auto unit = std::ranges::find_if(units, [&](const Unit& u) { return text.ends_with(u.name); });
-  if (unit == units.end()) refuse(fmt::format("needs {}", needed));
+  if (unit == units.end()) refuse("needs " + std::string(needed));
   const auto value = parse_number<double>(std::string_view(text).substr(0, text.size() - unit->name.size()));
-  if (!value || !std::isfinite(*value)) refuse(fmt::format("needs {}", needed));
+  if (!value || !std::isfinite(*value)) refuse("needs " + std::string(needed));
   const std::chrono::duration<double> seconds(*value * unit->seconds);
   if (seconds < min || seconds > max)  // before the conversion, which 1e300h would overflow
-    refuse(fmt::format("{} is outside {} .. {}", text, in_words(min), in_words(max)));
+    refuse(text + " is outside " + in_words(min) + " .. " + in_words(max));
   return std::chrono::round<std::chrono::nanoseconds>(seconds);
+}
+
+Result<void> parse_config_text(std::string_view yaml, const std::filesystem::path& file,
+                               const std::function<void(const ConfigNode&)>& read) {
+  const auto refuse = [&](int line, const std::string& message) {
+    return fail("bad_config", file.string() + ":" + std::to_string(line) + ": " + message);
+  };
+  if (yaml.size() > max_bytes) return refuse(1, "is larger than 1 MiB");
+  try {
+    read(ConfigNode::parse(std::string(yaml)));
+    return {};
+  } catch (const BadConfig& bad) {
+    return refuse(bad.line, bad.message);
+  } catch (const YAML::Exception& e) {
+    return refuse(std::max(e.mark.line, 0) + 1, "not YAML: " + e.msg);
+  }
+}
+
+Result<std::string> read_config_text(const std::filesystem::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  std::string text(max_bytes + 1, '\0');
+  in.read(text.data(), static_cast<std::streamsize>(text.size()));
+  if (!in.is_open() || in.bad()) return fail("config_not_found", file.string() + ": cannot be read");
+  text.resize(static_cast<std::size_t>(in.gcount()));
+  return text;
 }
 
 }  // namespace calib
