@@ -11,6 +11,9 @@ namespace {
 
 using namespace std::chrono_literals;
 constexpr std::size_t max_pairs = 16;
+/// Nearer is the vehicle itself, or a false match; further no stereo or depth camera of a vehicle tells one from
+/// another.
+constexpr DepthRange metric_depth_range{0.5, 200};
 
 /// A name that may stand in topics, file names and terminals as it is.
 bool is_name(std::string_view name, std::string_view marks) {
@@ -47,12 +50,10 @@ std::filesystem::path path_or(const ConfigNode& top, std::string_view key,
 DdsConfig read_dds(const ConfigNode& node) {
   node.with_keys({"domain", "interface"});
   DdsConfig dds;
-  if (const auto domain = node.find("domain"))
-    dds.domain = static_cast<std::uint32_t>(domain->integer(0, 230));
+  if (const auto domain = node.find("domain")) dds.domain = static_cast<std::uint32_t>(domain->integer(0, 230));
   if (const auto interface = node.find("interface")) {
     dds.interface = interface->text();
-    if (!is_interface_name(dds.interface))
-      interface->refuse("needs a network interface such as lo or eth0, or auto");
+    if (!is_interface_name(dds.interface)) interface->refuse("needs a network interface such as lo or eth0, or auto");
   }
   return dds;
 }
@@ -72,8 +73,7 @@ SamplingConfig read_sampling(const ConfigNode& node) {
 
 /// Asks `Camera::make` with one more key at a time, so that what it refuses is said of the key it lies in.
 Camera read_camera_model(const ConfigNode& node) {
-  const ConfigNode model_key = node.at("model"), size_key = node.at("size"),
-                   intrinsics_key = node.at("intrinsics");
+  const ConfigNode model_key = node.at("model"), size_key = node.at("size"), intrinsics_key = node.at("intrinsics");
   const auto model = parse_camera_model(model_key.text());
   if (!model) model_key.refuse(model.error().context);
   const auto size = size_key.items();
@@ -93,14 +93,8 @@ Camera read_camera_model(const ConfigNode& node) {
 }
 
 CameraConfig read_camera(const ConfigNode& node) {
-  node.with_keys({"image", "right_image", "info", "frame_id", "model", "size", "intrinsics", "distortion",
-                  "baseline_m"});
-  CameraConfig camera{.image = topic(node.at("image")),
-                      .right_image = topic(node.at("right_image")),
-                      .info = {},
-                      .camera = read_camera_model(node),
-                      .baseline_m = node.at("baseline_m").number(0.01, 10)};
-  if (camera.right_image == camera.image) node.at("right_image").refuse("is the same topic as image");
+  node.with_keys({"image", "info", "frame_id", "model", "size", "intrinsics", "distortion"});
+  CameraConfig camera{.image = topic(node.at("image")), .info = {}, .camera = read_camera_model(node)};
   if (const auto info = node.find("info")) camera.info = topic(*info);
   if (const auto frame = node.find("frame_id")) camera.frame_id = frame_id(*frame);
   return camera;
@@ -122,12 +116,93 @@ RigidTransform read_transform(const ConfigNode& node) {
   return *transform;
 }
 
-DepthSource read_depth(const ConfigNode& node) {
-  const ConfigNode source = node.with_keys({"source"}).at("source");
+/// The right camera is told in one of three ways.
+StereoDepthConfig read_stereo(const ConfigNode& node, const CameraConfig& left) {
+  node.with_keys(
+      {"source", "range_m", "timeout", "right_image", "baseline_m", "right_camera", "right_info", "matcher"});
+  StereoDepthConfig stereo{.right_image = topic(node.at("right_image")), .right_camera = {}, .right_info = {}};
+  if (stereo.right_image == left.image) node.at("right_image").refuse("is the same topic as camera.image");
+  const auto baseline = node.find("baseline_m"), camera = node.find("right_camera"), info = node.find("right_info");
+  if (baseline.has_value() + camera.has_value() + info.has_value() != 1)
+    node.refuse("needs one of baseline_m (rectified images), right_camera and right_info");
+  const bool rectified = left.camera.model() == CameraModel::rectified;
+  if (baseline) {
+    if (!rectified)
+      baseline->refuse("is for rectified images, and camera.model is " + std::string(to_string(left.camera.model())) +
+                       "; write right_camera or right_info instead");
+    stereo.right_camera = rectified_right_camera(left.camera, baseline->number(0.01, 10));
+  }
+  if (camera) {
+    camera->with_keys({"model", "size", "intrinsics", "distortion", "T_right_left"});
+    stereo.right_camera = RightCamera{read_camera_model(*camera), read_transform(camera->at("T_right_left"))};
+  }
+  if (info) stereo.right_info = topic(*info);
+  if (info && !rectified && !left.info)
+    info->refuse("needs camera.info too: both cameras say how they are to be rectified");
+  if (const auto matcher = node.find("matcher")) {
+    const std::string name = matcher->text();
+    if (name != "sgbm" && name != "bm") matcher->refuse("is none of: sgbm, bm");
+    stereo.matcher = name == "bm" ? StereoMatcher::bm : StereoMatcher::sgbm;
+  }
+  return stereo;
+}
+
+OnnxDepthConfig read_onnx(const ConfigNode& node) {
+  if (const auto range = node.find("range_m"))
+    range->refuse("is for stereo and topic; a network's range stands in its descriptor");
+  node.with_keys(
+      {"source", "timeout", "model", "threads", "spinning", "memory_arena", "keep_session", "execution_provider"});
+  OnnxDepthConfig onnx{.model = absolute_path(node.at("model")), .settings = {}};
+  OnnxSettings& settings = onnx.settings;
+  if (const auto threads = node.find("threads")) settings.threads = threads->integer(1, 64);
+  if (const auto spinning = node.find("spinning")) settings.spinning = spinning->boolean();
+  if (const auto arena = node.find("memory_arena")) settings.memory_arena = arena->boolean();
+  if (const auto keep = node.find("keep_session")) settings.keep_session = keep->boolean();
+  if (const auto provider = node.find("execution_provider")) {
+    settings.execution_provider = provider->text();
+    if (!is_name(settings.execution_provider, "ABCDEFGHIJKLMNOPQRSTUVWXYZ_"))
+      provider->refuse("needs ONNX Runtime's name of an execution provider, such as cpu or cuda");
+  }
+  return onnx;
+}
+
+TopicDepthConfig read_topic_depth(const ConfigNode& node) {
+  node.with_keys({"source", "range_m", "timeout", "image", "disparity", "camera", "T_camera_depth"});
+  const auto image = node.find("image"), disparity = node.find("disparity");
+  if (image.has_value() == disparity.has_value())
+    node.refuse("needs one of image (sensor_msgs/Image) and disparity (stereo_msgs/DisparityImage)");
+  TopicDepthConfig depth;
+  depth.topic = {topic(image ? *image : *disparity), image ? DepthMessage::image : DepthMessage::disparity};
+  if (is_compressed_topic(depth.topic.name) || depth.topic.name.ends_with("/compressedDepth"))
+    (image ? *image : *disparity).refuse("is a compressed topic; depth is read uncompressed");
+  const auto camera = node.find("camera"), transform = node.find("T_camera_depth");
+  if (camera.has_value() != transform.has_value())
+    (camera ? *camera : *transform).refuse("camera and T_camera_depth belong together; write both, or none");
+  if (camera) {
+    camera->with_keys({"model", "size", "intrinsics", "distortion"});
+    depth.camera = DepthCamera{read_camera_model(*camera), read_transform(*transform)};
+  }
+  return depth;
+}
+
+void read_depth(const ConfigNode& node, PairConfig& pair) {
+  const ConfigNode source = node.at("source");
   const std::string name = source.text();
-  if (name == "onnx" || name == "topic") source.refuse(name + " is not in this version; write stereo");
-  if (name != "stereo") source.refuse("is none of: stereo");
-  return DepthSource::stereo;
+  if (name == "stereo")
+    pair.depth = read_stereo(node, pair.camera);
+  else if (name == "onnx")
+    pair.depth = read_onnx(node);
+  else if (name == "topic")
+    pair.depth = read_topic_depth(node);
+  else
+    source.refuse("is none of: stereo, onnx, topic");
+  if (name != "onnx") pair.depth_range = metric_depth_range;
+  if (const auto range = node.find("range_m")) {
+    const auto limits = range->numbers(2, 0, 1000);
+    if (limits[0] >= limits[1]) range->refuse("needs the least depth before the greatest");
+    pair.depth_range = {limits[0], limits[1]};
+  }
+  if (const auto timeout = node.find("timeout")) pair.depth_timeout = timeout->duration(100ms, 60s);
 }
 
 DriftConfig read_drift(const ConfigNode& node) {
@@ -148,8 +223,7 @@ RecalibrationConfig read_recalibration(const ConfigNode& node) {
   if (const auto frames = node.find("frames")) recalibration.frames = frames->integer(8, 100);
   if (const auto limit = node.find("max_rotation_deg"))
     recalibration.max_rotation_rad = limit->number(0.1, 30) * radians_per_degree;
-  if (const auto limit = node.find("max_translation_cm"))
-    recalibration.max_translation_m = limit->number(1, 500) / 100;
+  if (const auto limit = node.find("max_translation_cm")) recalibration.max_translation_m = limit->number(1, 500) / 100;
   return recalibration;
 }
 
@@ -159,17 +233,14 @@ PairConfig read_pair(const ConfigNode& node) {
                   .camera = read_camera(node.at("camera")),
                   .lidar = read_lidar(node.at("lidar")),
                   .T_camera_lidar = read_transform(node.at("T_camera_lidar")),
-                  .depth = read_depth(node.at("depth")),
+                  .depth = {},
+                  .depth_range = {},
                   .drift = {},
                   .recalibration = {}};
-  if (pair.depth == DepthSource::stereo && pair.camera.camera.model() != CameraModel::rectified)
-    node.at("camera").at("model").refuse(
-        "depth from stereo needs rectified images; write rectified, and the topics "
-        "of rectified images");
+  read_depth(node.at("depth"), pair);
   if (!is_name(pair.name, "_-")) node.at("name").refuse("a pair is named with 1 .. 64 of a-z, 0-9, _ and -");
   if (const auto drift = node.find("drift")) pair.drift = read_drift(*drift);
-  if (const auto recalibration = node.find("recalibration"))
-    pair.recalibration = read_recalibration(*recalibration);
+  if (const auto recalibration = node.find("recalibration")) pair.recalibration = read_recalibration(*recalibration);
   return pair;
 }
 

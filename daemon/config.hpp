@@ -5,11 +5,16 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <variant>
 #include <vector>
 
-#include "calib/camera.hpp"
+#include "calib/depth_onnx.hpp"
+#include "calib/depth_stereo.hpp"
+#include "calib/depth_topic.hpp"
 #include "calib/geometry.hpp"
+#include "calib/quality.hpp"
 #include "calib/result.hpp"
+#include "dds/names.hpp"
 
 namespace calib {
 
@@ -31,12 +36,10 @@ struct SamplingConfig {
 
 struct CameraConfig {
   std::string image;
-  std::string right_image;
   /// A CameraInfo topic whose intrinsics must agree with `camera`.
   std::optional<std::string> info;
   std::string frame_id = "camera_optical";
   Camera camera;
-  double baseline_m = 0;
 };
 
 struct LidarConfig {
@@ -44,7 +47,25 @@ struct LidarConfig {
   std::string frame_id = "lidar";
 };
 
-enum class DepthSource { stereo };
+struct StereoDepthConfig {
+  std::string right_image;
+  /// None: it comes with the CameraInfo of `right_info` and, when the images are not rectified, of
+  /// `CameraConfig::info`.
+  std::optional<RightCamera> right_camera;
+  std::optional<std::string> right_info;
+  StereoMatcher matcher = StereoMatcher::sgbm;
+};
+
+struct OnnxDepthConfig {
+  std::filesystem::path model;  // its descriptor
+  OnnxSettings settings;
+};
+
+struct TopicDepthConfig {
+  DepthTopic topic;
+  /// None: the depth image shows what the camera's image shows.
+  std::optional<DepthCamera> camera;
+};
 
 struct DriftConfig {
   int baseline_pairs = 20;
@@ -65,7 +86,10 @@ struct PairConfig {
   CameraConfig camera;
   LidarConfig lidar;
   RigidTransform T_camera_lidar = RigidTransform::Identity();
-  DepthSource depth = DepthSource::stereo;
+  std::variant<StereoDepthConfig, OnnxDepthConfig, TopicDepthConfig> depth;
+  DepthRange depth_range;
+  /// An estimate, or the preparation of its source, that takes longer is ended.
+  std::chrono::nanoseconds depth_timeout = std::chrono::seconds(30);
   DriftConfig drift;
   RecalibrationConfig recalibration;
 };

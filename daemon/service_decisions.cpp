@@ -25,7 +25,9 @@ PairMonitorSettings monitor_settings(const PairConfig& pair) {
 }
 
 PairTopics topics_of(const PairConfig& pair) {
-  return {pair.camera.image, pair.camera.right_image, pair.lidar.cloud, pair.camera.info};
+  const auto* stereo = std::get_if<StereoDepthConfig>(&pair.depth);
+  return {pair.camera.image, stereo != nullptr ? std::optional(stereo->right_image) : std::nullopt, pair.lidar.cloud,
+          pair.camera.info};
 }
 
 json vector3(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
@@ -63,7 +65,9 @@ std::string number(std::uint64_t value) { return std::to_string(value); }
 /// Begins or goes on watching a pair: with the extrinsic that the last record put in force, unless the configuration
 /// has a new one since.
 Result<void> Service::take_over(const PairConfig& pair) {
-  auto depth = make_stereo_depth(pair.camera.camera, pair.camera.baseline_m);
+  const auto* stereo = std::get_if<StereoDepthConfig>(&pair.depth);
+  if (stereo == nullptr || !stereo->right_camera) return fail("bad_depth", "this source of depth is not served");
+  auto depth = make_stereo_depth(pair.camera.camera, -stereo->right_camera->T_right_left.translation().x());
   if (!depth) return tl::unexpected(depth.error());
   const CalibrationRecord* initial = ledger_.initial(pair.name);
   const bool configured_anew = initial == nullptr || !same(initial->T_camera_lidar, pair.T_camera_lidar);

@@ -11,6 +11,19 @@ namespace calib {
 /// it is. Fails with `bad_topic` when the name is not one that ROS 2 (or, for a raw name, Cyclone) allows.
 [[nodiscard]] Result<std::string> dds_topic_name(std::string_view topic);
 
+/// Its inverse, for any name that may be heard on DDS.
+[[nodiscard]] std::string ros_topic_name(std::string_view dds_topic);
+
+/// `sensor_msgs::msg::dds_::Image_` gives `sensor_msgs/msg/Image`; a name that is not ROS 2's stays as it is.
+[[nodiscard]] std::string ros_type_name(std::string_view dds_type);
+
+/// A topic of depth, and the message that it carries: sensor_msgs/Image (16UC1 or 32FC1) or stereo_msgs/DisparityImage.
+enum class DepthMessage { image, disparity };
+struct DepthTopic {
+  std::string name;
+  DepthMessage message = DepthMessage::image;
+};
+
 /// Whether a topic carries CompressedImage, which ROS says by its last part.
 [[nodiscard]] bool is_compressed_topic(std::string_view topic);
 

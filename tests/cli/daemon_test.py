@@ -19,11 +19,11 @@ dds: {{domain: {domain}, interface: lo}}
 sampling: {{period: 500ms, window: 200ms, max_time_difference: 50ms}}
 pairs:
   - name: front
-    camera: {{image: /camera/left/image, right_image: /camera/right/image, model: rectified, size: [1242, 375],
-             intrinsics: [721.5377, 721.5377, 609.5593, 172.854], baseline_m: 0.5327}}
+    camera: {{image: /camera/left/image, model: rectified, size: [1242, 375],
+             intrinsics: [721.5377, 721.5377, 609.5593, 172.854]}}
     lidar: {{cloud: /lidar/points}}
     T_camera_lidar: {{translation_m: [0.25, -0.08, 0.5], quaternion_xyzw: [0.5, -0.5, 0.5, -0.5]}}
-    depth: {{source: stereo}}
+    depth: {{source: stereo, right_image: /camera/right/image, baseline_m: 0.5327}}
     recalibration: {{mode: apply, frames: 25, max_rotation_deg: 5, max_translation_cm: 50}}
 """
 

@@ -139,7 +139,7 @@ def test_print_config_describes_the_vehicle(drive):
         assert done.returncode == 0, done.stderr
         lines = done.stdout.splitlines()
         assert lines[:2] == ["pairs:", "  - name: front"]
-        assert "size: [320, 96]" in lines[2] and "baseline_m: 0.54" in lines[2]
+        assert "size: [320, 96]" in lines[2] and "baseline_m: 0.54" in lines[5]
         assert lines[3] == "    lidar: {cloud: /lidar/points}"
         # Before any knock.
         start = events(run("calib-sim", *SMALL, "--domain", DOMAIN, "--frames", 1).stdout)[0][

@@ -30,14 +30,12 @@ pairs:
   - name: front
     camera:
       image: /left/image
-      right_image: /right/image
       info: /left/camera_info
       frame_id: camera_left/optical
       model: rectified
       size: [1242, 375]
       intrinsics: [721.5, 722, 609.5, 172.8]
       distortion: []
-      baseline_m: 0.5327
     lidar:
       cloud: /lidar/points
       frame_id: lidar_top
@@ -46,6 +44,11 @@ pairs:
       quaternion_xyzw: [0.5, -0.5, 0.5, 0.5]
     depth:
       source: stereo
+      right_image: /right/image
+      baseline_m: 0.5327
+      matcher: bm
+      range_m: [1, 80]
+      timeout: 5s
     drift:
       baseline_pairs: 30
     recalibration:
@@ -58,10 +61,10 @@ pairs:
 const std::string least = R"(vehicle: car
 pairs:
   - name: front
-    camera: {image: /l, right_image: /r, model: rectified, size: [640, 480], intrinsics: [500, 500, 320, 240], baseline_m: 0.3}
+    camera: {image: /l, model: rectified, size: [640, 480], intrinsics: [500, 500, 320, 240]}
     lidar: {cloud: /p}
     T_camera_lidar: {translation_m: [0, 0, 0], quaternion_xyzw: [0, 0, 0, 1]}
-    depth: {source: stereo}
+    depth: {source: stereo, right_image: /r, baseline_m: 0.3}
 )";
 
 const Places places{"/state", "/runtime", "/credentials"};
@@ -102,7 +105,6 @@ TEST_CASE("every key is read, into SI units") {
   const PairConfig& pair = config.pairs[0];
   CHECK(pair.name == "front");
   CHECK(pair.camera.image == "/left/image");
-  CHECK(pair.camera.right_image == "/right/image");
   CHECK(pair.camera.info == "/left/camera_info");
   CHECK(pair.camera.frame_id == "camera_left/optical");
   CHECK(pair.camera.camera.model() == CameraModel::rectified);
@@ -111,11 +113,16 @@ TEST_CASE("every key is read, into SI units") {
   CHECK(pair.camera.camera.fy() == 722);
   CHECK(pair.camera.camera.cy() == 172.8);
   CHECK(pair.camera.camera.distortion().empty());
-  CHECK(pair.camera.baseline_m == 0.5327);
   CHECK(pair.lidar.cloud == "/lidar/points");
   CHECK(pair.lidar.frame_id == "lidar_top");
   CHECK(translation_m(pair.T_camera_lidar) == std::array{0.1, -0.2, 0.3});
   CHECK((pair.T_camera_lidar.linear() * Eigen::Vector3d::UnitX() - Eigen::Vector3d::UnitZ()).norm() < 1e-12);
+  const auto& stereo = std::get<StereoDepthConfig>(pair.depth);
+  CHECK(stereo.right_image == "/right/image");
+  CHECK(stereo.right_camera->T_right_left.translation().x() == -0.5327);
+  CHECK(stereo.matcher == StereoMatcher::bm);
+  CHECK((pair.depth_range.min_m == 1 && pair.depth_range.max_m == 80));
+  CHECK(pair.depth_timeout == 5s);
   CHECK(pair.drift.baseline_pairs == 30);
   CHECK(pair.recalibration.mode == RecalibrationMode::apply);
   CHECK(pair.recalibration.frames == 40);
@@ -153,14 +160,17 @@ TEST_CASE("a default window is no longer than the period") {
 }
 
 TEST_CASE("the example in systemd/ is a configuration, and its values are the defaults it says they are") {
-  const Config config = require_ok(load_config(
-      std::filesystem::path(std::getenv("CALIBD_SOURCE_DIR")) / "systemd" / "calibd.yaml", places));
+  const Config config = require_ok(
+      load_config(std::filesystem::path(std::getenv("CALIBD_SOURCE_DIR")) / "systemd" / "calibd.yaml", places));
   const Config defaults = require_ok(parse(least));
   CHECK(config.vehicle == "demo-car");
   CHECK(config.dds.interface == defaults.dds.interface);
   CHECK(config.sampling.window == defaults.sampling.window);
   CHECK(config.sampling.period == defaults.sampling.period);
   CHECK(config.pairs[0].camera.frame_id == defaults.pairs[0].camera.frame_id);
+  CHECK(config.pairs[0].depth_range.min_m == defaults.pairs[0].depth_range.min_m);
+  CHECK(config.pairs[0].depth_range.max_m == defaults.pairs[0].depth_range.max_m);
+  CHECK(config.pairs[0].depth_timeout == defaults.pairs[0].depth_timeout);
   CHECK(config.pairs[0].drift.baseline_pairs == defaults.pairs[0].drift.baseline_pairs);
   CHECK(config.pairs[0].recalibration.mode == defaults.pairs[0].recalibration.mode);
   CHECK(config.pairs[0].recalibration.frames == defaults.pairs[0].recalibration.frames);
@@ -198,40 +208,41 @@ TEST_CASE("a wrong value is refused with its file, line and key") {
       {"name: front", "name: Front", "c.yaml:13: pairs[0].name: "},
       {"name: front", "name: " + std::string(65, 'a'), "c.yaml:13: pairs[0].name: "},
       {"image: /left/image", "image: left/image", "c.yaml:15: pairs[0].camera.image: a topic"},
-      {"/right/image", "/left/image", "c.yaml:16: pairs[0].camera.right_image: is the same topic"},
-      {"info: /left/camera_info", "info: 'dds:'", "c.yaml:17: pairs[0].camera.info: "},
-      {"camera_left/optical", "camera left", "c.yaml:18: pairs[0].camera.frame_id: "},
-      {"model: rectified", "model: fishy", "c.yaml:19: pairs[0].camera.model: "},
-      {"[1242, 375]", "[1242]", "c.yaml:20: pairs[0].camera.size: needs width and height"},
-      {"[1242, 375]", "1242x375", "c.yaml:20: pairs[0].camera.size: needs a list"},
-      {"[1242, 375]", "[1242, 8]", "c.yaml:20: pairs[0].camera.size[1]: 8 is outside"},
-      {"[1242, 375]", "[60000, 60000]", "c.yaml:20: pairs[0].camera.size: "},
-      {"721.5, 722", "721.5", "c.yaml:21: pairs[0].camera.intrinsics: needs a list of 4 numbers"},
-      {"721.5, 722", "721.5, f", "c.yaml:21: pairs[0].camera.intrinsics[1]: needs a number"},
-      {"721.5, 722", "721.5, .nan", "c.yaml:21: pairs[0].camera.intrinsics[1]: needs a number"},
-      {"721.5, 722", "721.5, inf", "c.yaml:21: pairs[0].camera.intrinsics[1]: needs a number"},
-      {"721.5, 722", "721.5, 0.5", "c.yaml:21: pairs[0].camera.intrinsics: focal length"},
-      {"distortion: []", "distortion: [-0.3]", "c.yaml:22: pairs[0].camera.distortion: model rectified"},
-      {"distortion: []", "distortion: none", "c.yaml:22: pairs[0].camera.distortion: needs a list"},
-      {"model: rectified", "model: plumb_bob",
-       "c.yaml:22: pairs[0].camera.distortion: model plumb_bob needs"},
-      {"0.5327", "0", "c.yaml:23: pairs[0].camera.baseline_m: 0 is outside 0.01 .. 10"},
-      {"/lidar/points", "/lidar/", "c.yaml:25: pairs[0].lidar.cloud: "},
-      {"lidar_top", "''", "c.yaml:26: pairs[0].lidar.frame_id: "},
-      {"[0.1, -0.2, 0.3]", "[0.1, -0.2]", "c.yaml:28: pairs[0].T_camera_lidar.translation_m: "},
-      {"[0.1, -0.2, 0.3]", "[0.1, -0.2, 101]", "c.yaml:28: pairs[0].T_camera_lidar.translation_m[2]: "},
-      {"[0.5, -0.5, 0.5, 0.5]", "[0, 0, 0, 0]", "c.yaml:29: pairs[0].T_camera_lidar.quaternion_xyzw: "},
-      {"[0.5, -0.5, 0.5, 0.5]", "[0.5, 0.5, 0.5, 0.503]",
-       "c.yaml:29: pairs[0].T_camera_lidar.quaternion_xyzw: "},
-      {"stereo", "onnx", "c.yaml:31: pairs[0].depth.source: onnx is not in this version"},
-      {"stereo", "topic", "c.yaml:31: pairs[0].depth.source: topic is not in this version"},
-      {"stereo", "guess", "c.yaml:31: pairs[0].depth.source: is none of"},
-      {"baseline_pairs: 30", "baseline_pairs: 4", "c.yaml:33: pairs[0].drift.baseline_pairs: "},
-      {"mode: apply", "mode: maybe", "c.yaml:35: pairs[0].recalibration.mode: is none of: apply, propose"},
-      {"frames: 40", "frames: 4", "c.yaml:36: pairs[0].recalibration.frames: "},
-      {"max_rotation_deg: 3", "max_rotation_deg: 31", "c.yaml:37: pairs[0].recalibration.max_rotation_deg: "},
-      {"max_translation_cm: 20", "max_translation_cm: 0",
-       "c.yaml:38: pairs[0].recalibration.max_translation_cm: "},
+      {"/right/image", "/left/image", "c.yaml:30: pairs[0].depth.right_image: is the same topic"},
+      {"info: /left/camera_info", "info: 'dds:'", "c.yaml:16: pairs[0].camera.info: "},
+      {"camera_left/optical", "camera left", "c.yaml:17: pairs[0].camera.frame_id: "},
+      {"model: rectified", "model: fishy", "c.yaml:18: pairs[0].camera.model: "},
+      {"[1242, 375]", "[1242]", "c.yaml:19: pairs[0].camera.size: needs width and height"},
+      {"[1242, 375]", "1242x375", "c.yaml:19: pairs[0].camera.size: needs a list"},
+      {"[1242, 375]", "[1242, 8]", "c.yaml:19: pairs[0].camera.size[1]: 8 is outside"},
+      {"[1242, 375]", "[60000, 60000]", "c.yaml:19: pairs[0].camera.size: "},
+      {"721.5, 722", "721.5", "c.yaml:20: pairs[0].camera.intrinsics: needs a list of 4 numbers"},
+      {"721.5, 722", "721.5, f", "c.yaml:20: pairs[0].camera.intrinsics[1]: needs a number"},
+      {"721.5, 722", "721.5, .nan", "c.yaml:20: pairs[0].camera.intrinsics[1]: needs a number"},
+      {"721.5, 722", "721.5, inf", "c.yaml:20: pairs[0].camera.intrinsics[1]: needs a number"},
+      {"721.5, 722", "721.5, 0.5", "c.yaml:20: pairs[0].camera.intrinsics: focal length"},
+      {"distortion: []", "distortion: [-0.3]", "c.yaml:21: pairs[0].camera.distortion: model rectified"},
+      {"distortion: []", "distortion: none", "c.yaml:21: pairs[0].camera.distortion: needs a list"},
+      {"model: rectified", "model: plumb_bob", "c.yaml:21: pairs[0].camera.distortion: model plumb_bob needs"},
+      {"0.5327", "0", "c.yaml:31: pairs[0].depth.baseline_m: 0 is outside 0.01 .. 10"},
+      {"/lidar/points", "/lidar/", "c.yaml:23: pairs[0].lidar.cloud: "},
+      {"lidar_top", "''", "c.yaml:24: pairs[0].lidar.frame_id: "},
+      {"[0.1, -0.2, 0.3]", "[0.1, -0.2]", "c.yaml:26: pairs[0].T_camera_lidar.translation_m: "},
+      {"[0.1, -0.2, 0.3]", "[0.1, -0.2, 101]", "c.yaml:26: pairs[0].T_camera_lidar.translation_m[2]: "},
+      {"[0.5, -0.5, 0.5, 0.5]", "[0, 0, 0, 0]", "c.yaml:27: pairs[0].T_camera_lidar.quaternion_xyzw: "},
+      {"[0.5, -0.5, 0.5, 0.5]", "[0.5, 0.5, 0.5, 0.503]", "c.yaml:27: pairs[0].T_camera_lidar.quaternion_xyzw: "},
+      {"stereo", "guess", "c.yaml:29: pairs[0].depth.source: is none of: stereo, onnx, topic"},
+      {"/right/image", "right", "c.yaml:30: pairs[0].depth.right_image: a topic"},
+      {"matcher: bm", "matcher: best", "c.yaml:32: pairs[0].depth.matcher: is none of: sgbm, bm"},
+      {"[1, 80]", "[1]", "c.yaml:33: pairs[0].depth.range_m: needs a list of 2 numbers"},
+      {"[1, 80]", "[80, 1]", "c.yaml:33: pairs[0].depth.range_m: needs the least"},
+      {"[1, 80]", "[-1, 80]", "c.yaml:33: pairs[0].depth.range_m[0]: -1 is outside"},
+      {"timeout: 5s", "timeout: 5h", "c.yaml:34: pairs[0].depth.timeout: 5h is outside 0.1s .. 60s"},
+      {"baseline_pairs: 30", "baseline_pairs: 4", "c.yaml:36: pairs[0].drift.baseline_pairs: "},
+      {"mode: apply", "mode: maybe", "c.yaml:38: pairs[0].recalibration.mode: is none of: apply, propose"},
+      {"frames: 40", "frames: 4", "c.yaml:39: pairs[0].recalibration.frames: "},
+      {"max_rotation_deg: 3", "max_rotation_deg: 31", "c.yaml:40: pairs[0].recalibration.max_rotation_deg: "},
+      {"max_translation_cm: 20", "max_translation_cm: 0", "c.yaml:41: pairs[0].recalibration.max_translation_cm: "},
   };
   for (const Wrong& wrong : wrongs) {
     INFO(wrong.what << " -> " << wrong.instead);
@@ -239,7 +250,7 @@ TEST_CASE("a wrong value is refused with its file, line and key") {
   }
 }
 
-TEST_CASE("a lens is checked by its own parameters, and stereo depth of what is not rectified is refused at once") {
+TEST_CASE("a lens is checked by its own parameters, and a baseline is for rectified images alone") {
   const auto lens = [](const std::string& model, const std::string& distortion) {
     std::string yaml = with("model: rectified", "model: " + model);
     return refusal(yaml.replace(yaml.find("distortion: []"), 14, "distortion: [" + distortion + "]"));
@@ -252,13 +263,14 @@ TEST_CASE("a lens is checked by its own parameters, and stereo depth of what is 
            {"eucm", "0.6, 1.1"},
            {"mei", "2.2, 0.02, 1.7, 0, 0"}}) {
     INFO(model);
-    CHECK_THAT(lens(model, distortion),
-               Catch::Matchers::StartsWith("c.yaml:19: pairs[0].camera.model: depth from stereo needs"));
+    CHECK(lens(model, distortion) ==
+          "c.yaml:31: pairs[0].depth.baseline_m: is for rectified images, and camera.model is " + model +
+              "; write right_camera or right_info instead");
     CHECK_THAT(lens(model, "0.5"),
-               Catch::Matchers::StartsWith("c.yaml:22: pairs[0].camera.distortion: model " + model + " needs"));
+               Catch::Matchers::StartsWith("c.yaml:21: pairs[0].camera.distortion: model " + model + " needs"));
   }
   CHECK_THAT(lens("double_sphere", "0.6, -0.2"),
-             Catch::Matchers::StartsWith("c.yaml:22: pairs[0].camera.distortion: model double_sphere has alpha"));
+             Catch::Matchers::StartsWith("c.yaml:21: pairs[0].camera.distortion: model double_sphere has alpha"));
 }
 
 TEST_CASE("an unknown key is refused with its line, in every mapping") {
@@ -268,24 +280,22 @@ TEST_CASE("an unknown key is refused with its line, in every mapping") {
       {"  period:", "c.yaml:9: sampling.surprise: unknown key"},
       {"    camera:", "c.yaml:14: pairs[0].surprise: unknown key"},
       {"      image:", "c.yaml:15: pairs[0].camera.surprise: unknown key"},
-      {"      cloud:", "c.yaml:25: pairs[0].lidar.surprise: unknown key"},
-      {"      translation_m:", "c.yaml:28: pairs[0].T_camera_lidar.surprise: unknown key"},
-      {"      source:", "c.yaml:31: pairs[0].depth.surprise: unknown key"},
-      {"      baseline_pairs:", "c.yaml:33: pairs[0].drift.surprise: unknown key"},
-      {"      mode:", "c.yaml:35: pairs[0].recalibration.surprise: unknown key"},
+      {"      cloud:", "c.yaml:23: pairs[0].lidar.surprise: unknown key"},
+      {"      translation_m:", "c.yaml:26: pairs[0].T_camera_lidar.surprise: unknown key"},
+      {"      source:", "c.yaml:29: pairs[0].depth.surprise: unknown key"},
+      {"      baseline_pairs:", "c.yaml:36: pairs[0].drift.surprise: unknown key"},
+      {"      mode:", "c.yaml:38: pairs[0].recalibration.surprise: unknown key"},
   };
   for (const auto& [before, expected] : places_in_file) {
     const std::string indent(before.find_first_not_of(' '), ' ');
-    CHECK_THAT(refusal(with(before, indent + "surprise: 1\n" + before)),
-               Catch::Matchers::StartsWith(expected));
+    CHECK_THAT(refusal(with(before, indent + "surprise: 1\n" + before)), Catch::Matchers::StartsWith(expected));
   }
 }
 
 TEST_CASE("a repeated key is refused, with the line of its second appearance") {
-  CHECK(refusal(with("state_dir:", "vehicle: other\nstate_dir:")) ==
-        "c.yaml:2: vehicle: given twice; remove one");
+  CHECK(refusal(with("state_dir:", "vehicle: other\nstate_dir:")) == "c.yaml:2: vehicle: given twice; remove one");
   CHECK(refusal(with("      source:", "      source: stereo\n      source:")) ==
-        "c.yaml:32: pairs[0].depth.source: given twice; remove one");
+        "c.yaml:30: pairs[0].depth.source: given twice; remove one");
 }
 
 TEST_CASE("a missing key is refused, with the line of the mapping that lacks it") {
@@ -293,15 +303,15 @@ TEST_CASE("a missing key is refused, with the line of the mapping that lacks it"
       {"vehicle: demo-car\n", "vehicle: missing; add it"},
       {"name: front\n    camera:", "pairs[0].name: missing"},
       {"      image: /left/image\n", "pairs[0].camera.image: missing"},
-      {"      right_image: /right/image\n", "pairs[0].camera.right_image: missing"},
+      {"      right_image: /right/image\n", "pairs[0].depth.right_image: missing"},
       {"      model: rectified\n", "pairs[0].camera.model: missing"},
       {"      size: [1242, 375]\n", "pairs[0].camera.size: missing"},
       {"      intrinsics: [721.5, 722, 609.5, 172.8]\n", "pairs[0].camera.intrinsics: missing"},
-      {"      baseline_m: 0.5327\n", "pairs[0].camera.baseline_m: missing"},
+      {"      baseline_m: 0.5327\n", "pairs[0].depth: needs one of baseline_m (rectified images), right_camera and"},
       {"      cloud: /lidar/points\n", "pairs[0].lidar.cloud: missing"},
       {"      translation_m: [0.1, -0.2, 0.3]\n", "pairs[0].T_camera_lidar.translation_m: missing"},
       {"      quaternion_xyzw: [0.5, -0.5, 0.5, 0.5]\n", "pairs[0].T_camera_lidar.quaternion_xyzw: missing"},
-      {"    depth:\n      source: stereo\n", "pairs[0].depth: missing"},
+      {"      source: stereo\n", "pairs[0].depth.source: missing"},
   };
   for (const auto& [what, expected] : missing) {
     const std::string yaml = with(what, what.starts_with("name") ? "camera:" : "");
@@ -319,8 +329,7 @@ TEST_CASE("pairs have names of their own, and there are 1 .. 16 of them") {
   const std::string pair = least.substr(least.find("  - name"));
   CHECK_THAT(refusal(least + pair),
              Catch::Matchers::StartsWith("c.yaml:8: pairs[1].name: is the name of an earlier pair"));
-  CHECK_THAT(refusal("vehicle: car\npairs: []\n"),
-             Catch::Matchers::StartsWith("c.yaml:2: pairs: needs 1 .. 16 pairs"));
+  CHECK_THAT(refusal("vehicle: car\npairs: []\n"), Catch::Matchers::StartsWith("c.yaml:2: pairs: needs 1 .. 16 pairs"));
   std::string many = "vehicle: car\npairs:\n";
   for (int i = 0; i < 16; ++i) {
     std::string next = pair;
@@ -336,13 +345,11 @@ TEST_CASE("what is not one YAML mapping is refused with a line") {
   CHECK_THAT(refusal(""), Catch::Matchers::StartsWith("c.yaml:1: "));
   CHECK_THAT(refusal("- a\n"), Catch::Matchers::StartsWith("c.yaml:1: needs a mapping"));
   CHECK_THAT(refusal("[a, b]: c\n"), Catch::Matchers::StartsWith("c.yaml:1: holds a key"));
-  CHECK_THAT(refusal(least + "---\n" + least),
-             Catch::Matchers::StartsWith("c.yaml:1: the file must hold one"));
+  CHECK_THAT(refusal(least + "---\n" + least), Catch::Matchers::StartsWith("c.yaml:1: the file must hold one"));
   for (const std::string stray : {",", "]", "}", ", a: b"})
     CHECK_THAT(refusal(stray), Catch::Matchers::StartsWith("c.yaml:1: "));
   CHECK_THAT(refusal("<<: {vehicle: car}\n"), Catch::Matchers::StartsWith("c.yaml:1: <<: unknown key"));
-  CHECK_THAT(refusal(std::string((1 << 20) + 1, '#')),
-             Catch::Matchers::StartsWith("c.yaml:1: is larger than 1 MiB"));
+  CHECK_THAT(refusal(std::string((1 << 20) + 1, '#')), Catch::Matchers::StartsWith("c.yaml:1: is larger than 1 MiB"));
   CHECK_THAT(refusal("vehicle: " + std::string(100'000, '[')), Catch::Matchers::StartsWith("c.yaml:1: "));
 }
 
@@ -351,12 +358,10 @@ TEST_CASE("an alias is a value like any other, and a bomb of aliases harms nobod
   std::string bomb = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n";
   for (int i = 1; i < 30; ++i) {
     const std::string before = "*a" + std::to_string(i - 1);
-    bomb += "a" + std::to_string(i) + ": &a" + std::to_string(i) + " [" + before + "," + before + "," +
-            before + "]\n";
+    bomb += "a" + std::to_string(i) + ": &a" + std::to_string(i) + " [" + before + "," + before + "," + before + "]\n";
   }
   CHECK_THAT(refusal(bomb), Catch::Matchers::StartsWith("c.yaml:1: a0: unknown key"));
-  CHECK_THAT(refusal(bomb.replace(0, 2, "vehicle")),
-             Catch::Matchers::StartsWith("c.yaml:2: a1: unknown key"));
+  CHECK_THAT(refusal(bomb.replace(0, 2, "vehicle")), Catch::Matchers::StartsWith("c.yaml:2: a1: unknown key"));
   CHECK_THAT(refusal("vehicle: &self [*self]\npairs: *self\n"), Catch::Matchers::StartsWith("c.yaml:1: "));
 }
 

@@ -14,11 +14,10 @@ signing_key: {folder}/signing.key
 sampling: {{period: 1s, window: 200ms}}
 pairs:
   - name: front
-    camera: {{image: /left, right_image: /right, model: rectified, size: [640, 192], intrinsics: [400, 400, 320, 96],
-             baseline_m: 0.5}}
+    camera: {{image: /left, model: rectified, size: [640, 192], intrinsics: [400, 400, 320, 96]}}
     lidar: {{cloud: /points}}
     T_camera_lidar: {{translation_m: [0, 0, 0], quaternion_xyzw: [0.5, -0.5, 0.5, 0.5]}}
-    depth: {{source: stereo}}
+    depth: {{source: stereo, right_image: /right, baseline_m: 0.5}}
 """
 
 

@@ -10,10 +10,10 @@ dds: {domain: 0, interface: lo}
 sampling: {period: 10s, window: 2s, max_time_difference: 50ms}
 pairs:
   - name: front
-    camera: {image: /l, right_image: /r, model: rectified, size: [640, 480], intrinsics: [500, 500, 320, 240], baseline_m: 0.3}
+    camera: {image: /l, model: rectified, size: [640, 480], intrinsics: [500, 500, 320, 240]}
     lidar: &lidar {cloud: /p}
     T_camera_lidar: {translation_m: [0, 0, 0], quaternion_xyzw: [0, 0, 0, 1]}
-    depth: {source: stereo}
+    depth: {source: stereo, right_image: /r, baseline_m: 0.3}
     recalibration: {mode: apply, frames: 25, max_rotation_deg: 5, max_translation_cm: 50}
 )";
   return {yaml.begin(), yaml.end()};

@@ -134,7 +134,7 @@ def bench(bin_dir, dds_domain, tmp_path_factory):
     config = vehicle.configuration(folder, dds_domain, "500ms", "500ms")
     rear = copy.deepcopy(config["pairs"][0])
     rear["name"] = "rear"
-    rear["camera"] |= {"image": TOPICS[COMPRESSED][1], "right_image": "/rear/right/compressed"}
+    rear["camera"]["image"], rear["depth"]["right_image"] = TOPICS[COMPRESSED][1], "/rear/right/compressed"
     rear["lidar"]["cloud"] = "/rear/points"
     config["pairs"][0]["camera"]["info"] = TOPICS[INFO][1]
     config["pairs"].append(rear)

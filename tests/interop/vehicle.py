@@ -71,12 +71,12 @@ def configuration(folder, domain, period="300ms", window="300ms"):
         "sampling": {"period": period, "window": window, "max_time_difference": "50ms"},
         "pairs": [{
             "name": "front",
-            "camera": {"image": LEFT, "right_image": RIGHT, "model": "rectified", "size": [scene.WIDTH, scene.HEIGHT],
-                       "intrinsics": scene.INTRINSICS, "baseline_m": scene.BASELINE_M, "frame_id": "camera"},
+            "camera": {"image": LEFT, "model": "rectified", "size": [scene.WIDTH, scene.HEIGHT],
+                       "intrinsics": scene.INTRINSICS, "frame_id": "camera"},
             "lidar": {"cloud": CLOUD, "frame_id": "lidar"},
             "T_camera_lidar": {"translation_m": list(scene.LIDAR_IN_CAMERA),
                                "quaternion_xyzw": scene.quaternion_xyzw(scene.R_CAMERA_LIDAR).tolist()},
-            "depth": {"source": "stereo"},
+            "depth": {"source": "stereo", "right_image": RIGHT, "baseline_m": scene.BASELINE_M},
             "drift": {"baseline_pairs": 8},
             "recalibration": {"mode": "propose", "frames": 12, "max_rotation_deg": 5, "max_translation_cm": 50},
         }]}

@@ -1,9 +1,17 @@
 #pragma once
 
+#include <limits>
+
 #include "calib/depth.hpp"
 #include "calib/frame.hpp"
 
 namespace calib {
+
+/// Where metric depth can be believed. The default takes whatever there is.
+struct DepthRange {
+  double min_m = 0;
+  double max_m = std::numeric_limits<double>::infinity();
+};
 
 /// What a pair must have to be worth asking. The reasons of a refusal are the codes of the errors.
 struct QualityLimits {
