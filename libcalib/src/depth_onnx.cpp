@@ -1,10 +1,153 @@
 #include "calib/depth_onnx.hpp"
 
-namespace calib {
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
 
-Result<std::unique_ptr<DepthEstimator>> make_onnx_depth(const std::filesystem::path& descriptor, const Camera&,
-                                                        const OnnxSettings&) {
-  return fail("bad_config", descriptor.string() + ":1: depth from a network is not in this build");
+#include "calib/depth_model.hpp"
+#include "network_image.hpp"
+#include "onnx_network.hpp"
+
+namespace calib {
+namespace {
+
+Result<Image> read_golden_image(const std::filesystem::path& file) {
+  cv::Mat bgr, rgb, grey;
+  try {
+    bgr = cv::imread(file.string(), cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION);
+    if (!bgr.empty()) {
+      cv::cvtColor(bgr, rgb, cv::COLOR_BGR2RGB);
+      cv::cvtColor(bgr, grey, cv::COLOR_BGR2GRAY);
+    }
+  } catch (const cv::Exception&) {  // a damaged header; reported below
+  }
+  if (rgb.empty()) return fail("depth_failed", "depth model self-test failed: " + file.string() + " is no image");
+  return Image{{}, rgb.cols, rgb.rows, {grey.datastart, grey.dataend}, {rgb.datastart, rgb.dataend}};
+}
+
+/// Nothing unless the file holds just so many numbers.
+std::optional<std::vector<float>> read_floats(const std::filesystem::path& file, std::size_t count) {
+  std::ifstream in(file, std::ios::binary);
+  std::vector<float> values(count);
+  const auto bytes = static_cast<std::streamsize>(count * sizeof(float));
+  if (!in.read(reinterpret_cast<char*>(values.data()), bytes) || in.get() != std::ifstream::traits_type::eof())
+    return std::nullopt;
+  return values;
+}
+
+Result<void> compare(const NetworkMap& map, const DepthModel& model) {
+  const GoldenPair& golden = *model.golden;
+  const auto refuse = [&](const std::string& what) {
+    return fail("depth_failed", "depth model self-test failed: " + what);
+  };
+  const auto expected = read_floats(golden.output, map.values.size());
+  if (!expected)
+    return refuse(golden.output.string() + " does not hold the " + std::to_string(map.width) + " x " +
+                  std::to_string(map.height) + " 32-bit floats that " + model.file.string() + " makes of " +
+                  golden.image.string());
+  const auto [least, greatest] = std::ranges::minmax(*expected);
+  double difference = 0;
+  for (std::size_t i = 0; i < expected->size(); ++i)
+    difference = std::max(difference, std::abs(static_cast<double>(map.values[i]) - (*expected)[i]));
+  const double share = difference / (static_cast<double>(greatest) - least);
+  if (share <= golden.tolerance) return {};  // false where a golden value is no number, or all are the same
+  return refuse(model.file.string() + " makes of " + golden.image.string() + " what differs from " +
+                golden.output.string() + " by " + std::to_string(share) + " of its range, and " +
+                std::to_string(golden.tolerance) + " is tolerated; check input and output in " +
+                model.descriptor.string());
+}
+
+/// A slope from black to white, of the camera's size.
+Image slope(const Camera& camera) {
+  Image image{{}, camera.width(), camera.height(), {}};
+  for (int v = 0; v < image.height; ++v)
+    for (int u = 0; u < image.width; ++u) image.pixels.push_back(static_cast<std::uint8_t>(255 * u / image.width));
+  return image;
+}
+
+class OnnxDepth final : public DepthEstimator {
+ public:
+  OnnxDepth(DepthModel model, const Camera& camera, const OnnxSettings& settings)
+      : model_(std::move(model)), camera_(camera), keep_session_(settings.keep_session), network_(model_, settings) {}
+
+  Result<std::string> prepare() override {
+    const auto tested = self_test();
+    if (!keep_session_) network_.drop();
+    proven_ = tested.has_value();
+    if (!tested) return tl::unexpected(tested.error());
+    std::string remark = network_.remark();
+    if (!model_.golden)
+      remark += (remark.empty() ? "" : "; ") + model_.descriptor.string() +
+                " names no golden pair: nothing tests at start " + "whether the network gives the depth it should";
+    return remark;
+  }
+
+  Result<DepthMap> estimate(const FramePair& pair) override {
+    if (pair.image.width != camera_.width() || pair.image.height != camera_.height())
+      return fail("depth_failed", "an image is " + std::to_string(pair.image.width) + " x " +
+                                      std::to_string(pair.image.height) + " where the configuration says " +
+                                      std::to_string(camera_.width()) + " x " + std::to_string(camera_.height()));
+    // What has not passed its self-test gives no depth.
+    if (!proven_)
+      if (const auto prepared = prepare(); !prepared) return tl::unexpected(prepared.error());
+    const Placement placement = place(model_.input, pair.image.width, pair.image.height);
+    const auto map = run(pair.image, placement);
+    if (!keep_session_) network_.drop();
+    if (!map) return tl::unexpected(map.error());
+    return to_depth(model_.output, placement, *map, camera_);
+  }
+
+  void cancel() override { network_.cancel(); }
+
+ private:
+  Result<NetworkMap> run(const Image& image, const Placement& placement) {
+    if (auto loaded = network_.load(); !loaded) return tl::unexpected(loaded.error());
+    try {
+      return network_.run(to_tensor(model_.input, placement, image), placement);
+    } catch (const cv::Exception& exception) {
+      return fail("depth_failed", std::string("an image cannot be made of the network's size: ") + exception.what());
+    }
+  }
+
+  /// Without a golden pair: that the network runs, and what comes out has the form of a depth map.
+  Result<void> self_test() {
+    if (auto loaded = network_.load(); !loaded) return loaded;
+    const auto image = model_.golden ? read_golden_image(model_.golden->image) : slope(camera_);
+    if (!image) return tl::unexpected(image.error());
+    const auto map = run(*image, place(model_.input, image->width, image->height));
+    if (!map) return tl::unexpected(map.error());
+    return model_.golden ? compare(*map, model_) : Result<void>();
+  }
+
+  DepthModel model_;
+  Camera camera_;
+  bool keep_session_;
+  bool proven_ = false;
+  OnnxNetwork network_;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<DepthEstimator>> make_onnx_depth(const std::filesystem::path& descriptor, const Camera& camera,
+                                                        const OnnxSettings& settings) {
+  auto model = load_depth_model(descriptor);
+  if (!model) return tl::unexpected(model.error());
+  // An image that is much longer than high, covering a nominal size.
+  constexpr std::int64_t most_pixels = 1 << 24;
+  const Placement placement = place(model->input, camera.width(), camera.height());
+  if (std::int64_t{placement.width} * placement.height > most_pixels)
+    return fail("bad_config", descriptor.string() + ": input.size: an image of " + std::to_string(camera.width()) +
+                                  " x " + std::to_string(camera.height()) + " becomes one of " +
+                                  std::to_string(placement.width) + " x " + std::to_string(placement.height) +
+                                  "; write a smaller size, or keep_aspect: upper_bound");
+  try {
+    return std::make_unique<OnnxDepth>(*std::move(model), camera, settings);
+  } catch (const Ort::Exception& exception) {
+    return fail("depth_failed", std::string("ONNX Runtime does not start: ") + exception.what());
+  }
 }
 
 }  // namespace calib

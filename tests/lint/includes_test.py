@@ -5,10 +5,11 @@ import re
 
 import pytest
 
-ORDER = ("result config_node wall_time geometry camera frame pairing depth quality features mutual_information drift search recalibrate "
+ORDER = ("result sha256 config_node wall_time geometry camera frame pairing depth_model depth quality features mutual_information drift search recalibrate "
          "signature record store status formats").split()
 # Implementations of an interface, and private parts, stand beside the header that they serve.
 BESIDE = {"camera_models": "camera", "depth_stereo": "depth", "depth_onnx": "depth",
+          "model_file": "depth_model", "network_image": "depth", "onnx_network": "depth",
           "joint_histogram": "mutual_information", "rotation_grid": "search", "search_steps": "search",
           "uncertainty": "search",
           "json_fields": "record"}

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "calib/geometry.hpp"
+#include "calib/sha256.hpp"
 #include "calib/signature.hpp"
 #include "calib/wall_time.hpp"
 
@@ -96,7 +97,5 @@ struct SignedRecord {
 [[nodiscard]] Result<CalibrationRecord> verify_record(const SignedRecord& record, const PublicKey& key,
                                                       std::string_view expected_previous_sha256,
                                                       std::uint64_t expected_sequence);
-
-[[nodiscard]] std::string sha256_hex(std::string_view bytes);
 
 }  // namespace calib
