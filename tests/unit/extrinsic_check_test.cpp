@@ -1,6 +1,7 @@
-#include "dataset/extrinsic_check.hpp"
+#include "calib/extrinsic_check.hpp"
 
 #include "support/catch.hpp"
+#include "support/simulated_drive.hpp"
 #include "support/support.hpp"
 #include "vehicle/camera_option.hpp"
 #include "vehicle/rig.hpp"
@@ -72,6 +73,77 @@ TEST_CASE("a camera on its side or upside down is not mistaken for a wrong conve
         RigidTransform(Eigen::AngleAxisd(roll_deg * radians_per_degree, Eigen::Vector3d::UnitZ())) * mounting(0);
     CHECK(complaint(rig.camera, T, scans.whole).empty());
   }
+}
+
+namespace {
+
+RigidTransform turned(RigidTransform T, const Eigen::Matrix3d& R) {
+  T.linear() = R;
+  return T;
+}
+
+/// R = Rz Ry Rx of the angles of `R`, each multiplied.
+Eigen::Matrix3d scaled_angles(const Eigen::Matrix3d& R, double factor) {
+  const Eigen::Vector3d zyx = R.eulerAngles(2, 1, 0) * factor;
+  return (Eigen::AngleAxisd(zyx[0], Eigen::Vector3d::UnitZ()) * Eigen::AngleAxisd(zyx[1], Eigen::Vector3d::UnitY()) *
+          Eigen::AngleAxisd(zyx[2], Eigen::Vector3d::UnitX()))
+      .toRotationMatrix();
+}
+
+/// The ways in which the drive's extrinsic can be written wrongly, each with the code that it must be found by.
+std::vector<std::pair<std::string, RigidTransform>> wrong_spellings(const RigidTransform& T) {
+  const Eigen::AngleAxisd turn(T.linear());
+  const Eigen::Quaterniond q(T.linear());
+  const double degree = radians_per_degree;
+  return {{"inverse", T.inverse()},
+          {"body_frame", T_optical_body().inverse() * T},
+          {"inverse_body_frame", T.inverse() * T_optical_body()},
+          {"quaternion_wxyz", turned(T, Eigen::Quaterniond(q.z(), q.w(), q.x(), q.y()).toRotationMatrix())},
+          {"radians_as_degrees", turned(T, scaled_angles(T.linear(), degree))},
+          {"radians_as_degrees", turned(T.inverse(), scaled_angles(T.inverse().linear(), degree)).inverse()},
+          {"radians_as_degrees", turned(T, Eigen::AngleAxisd(turn.angle() * degree, turn.axis()).toRotationMatrix())}};
+}
+
+}  // namespace
+
+TEST_CASE("with depth, every wrong spelling of an extrinsic is recognised, and put right") {
+  test::SimulatedDrive drive(5);
+  const RigidTransform T = drive.T_camera_lidar();
+  for (const int frame : {0, 3}) {
+    const LidarScan scan = drive.scan(frame);
+    const DepthMap depth = drive.depth(frame);
+    for (const auto& [code, spelling] : wrong_spellings(T)) {
+      INFO(code << " in frame " << frame);
+      const ExtrinsicOpinion opinion = examine_extrinsic(drive.camera(), spelling, scan, &depth);
+      REQUIRE(opinion.likely);
+      CHECK(opinion.likely->code == code);
+      CHECK(rotation_angle_rad(opinion.likely->T_camera_lidar.inverse() * T) < 1e-6);
+      CHECK(opinion.likely_agreement->rank_correlation > 0.8);
+      CHECK_FALSE(opinion.plausible());
+    }
+  }
+}
+
+TEST_CASE("with depth, an extrinsic that is right or has drifted by five degrees is plausible") {
+  test::SimulatedDrive drive(5);
+  for (const RigidTransform& motion :
+       {RigidTransform::Identity(), test::knock(5, 0, 0), test::knock(0, 5, 0), test::knock(0, 0, 5, 0.5, 0.5, 0.5)}) {
+    const DepthMap depth = drive.depth(1);
+    const ExtrinsicOpinion opinion =
+        examine_extrinsic(drive.camera(), drive.T_camera_lidar(), drive.scan(1, motion), &depth);
+    CHECK(opinion.plausible());
+    CHECK(opinion.agreement->rank_correlation > 0.5);
+  }
+}
+
+TEST_CASE("depth that says nothing names no reading of an extrinsic that is right") {
+  test::SimulatedDrive drive(5);
+  DepthMap noise = drive.depth(1);
+  vehicle::Random random(7);
+  for (float& value : noise.inverse_depth) value = static_cast<float>(random.uniform(0.1, 1));
+  const ExtrinsicOpinion opinion = examine_extrinsic(drive.camera(), drive.T_camera_lidar(), drive.scan(1), &noise);
+  CHECK(opinion.plausible());
+  CHECK(std::abs(opinion.agreement->rank_correlation) < 0.1);
 }
 
 TEST_CASE("a camera that looks away from all points is refused") {

@@ -1,6 +1,6 @@
 #include <fstream>
 
-#include "dataset/extrinsic_check.hpp"
+#include "calib/extrinsic_check.hpp"
 #include "dataset/kitti_raw_writer.hpp"
 #include "dataset/recording.hpp"
 #include "support/catch.hpp"

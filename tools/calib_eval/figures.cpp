@@ -3,7 +3,7 @@
 #include <cmath>
 #include <cstdio>
 
-#include "vehicle/overlay.hpp"
+#include "calib/overlay.hpp"
 
 namespace calib::eval {
 namespace {
@@ -70,7 +70,7 @@ Result<std::optional<Figure>> draw(const Footage& footage, const Experiment& exp
   for (const auto& [name, motion] : views) {
     const RigidTransform T_camera_lidar = footage.T_camera_lidar * motion;
     const auto file = folder / (std::string(stem) + name + ".png");
-    if (auto written = vehicle::write_overlay(file, frame.pair, footage.camera, T_camera_lidar); !written)
+    if (auto written = write_overlay(file, frame.pair, footage.camera, T_camera_lidar); !written)
       return tl::unexpected(written.error());
     figure.views.push_back({name, score(*features, T_camera_lidar, objective).value,
                             joint_histogram(*features, T_camera_lidar, figure.features), file});

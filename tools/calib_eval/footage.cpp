@@ -1,9 +1,9 @@
 #include "calib_eval/footage.hpp"
 
 #include "calib/depth_stereo.hpp"
+#include "calib/extrinsic_check.hpp"
 #include "calib_eval/parallel.hpp"
 #include "dataset/depth_files.hpp"
-#include "dataset/extrinsic_check.hpp"
 
 namespace calib::eval {
 namespace {

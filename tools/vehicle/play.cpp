@@ -9,9 +9,9 @@
 #include <iostream>
 #include <nlohmann/json.hpp>
 
+#include "calib/overlay.hpp"
 #include "dataset/kitti_raw_writer.hpp"
 #include "dataset/list_writer.hpp"
-#include "vehicle/overlay.hpp"
 
 namespace calib::vehicle {
 namespace {
@@ -82,12 +82,12 @@ void print_config(const Vehicle& vehicle, const Topics& topics) {
   const Camera& camera = vehicle.camera;
   const json intrinsics{camera.fx(), camera.fy(), camera.cx(), camera.cy()};
   std::cout << "pairs:\n  - name: front\n    camera: {image: " << topics.left_image
-            << ", right_image: " << topics.right_image << ", model: rectified, size: [" << camera.width()
-            << ", " << camera.height() << "], intrinsics: " << intrinsics.dump()
-            << ", baseline_m: " << json(vehicle.baseline_m).dump() << "}\n    lidar: {cloud: " << topics.cloud
+            << ", model: rectified, size: [" << camera.width() << ", " << camera.height()
+            << "], intrinsics: " << intrinsics.dump() << "}\n    lidar: {cloud: " << topics.cloud
             << "}\n    T_camera_lidar: {translation_m: " << json(translation_m(vehicle.T_camera_lidar)).dump()
             << ", quaternion_xyzw: " << json(quaternion_xyzw(vehicle.T_camera_lidar)).dump()
-            << "}\n    depth: {source: stereo}\n"
+            << "}\n    depth: {source: stereo, right_image: " << topics.right_image
+            << ", baseline_m: " << json(vehicle.baseline_m).dump() << "}\n"
             << "    recalibration: {mode: apply, frames: 25, max_rotation_deg: 5, max_translation_cm: 50}\n";
 }
 

@@ -1,0 +1,148 @@
+#include "calib/extrinsic_check.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace calib {
+namespace {
+
+constexpr double degrees_per_radian = 1 / radians_per_degree;
+
+struct View {
+  std::size_t points;  // in view
+  bool upright;        // the LiDAR's z axis points up in the image, within 45 degrees
+};
+
+View view_of(const Camera& camera, const RigidTransform& T_camera_lidar, const LidarScan& scan) {
+  View view{0, -T_camera_lidar.linear()(1, 2) > 0.7};
+  for (const LidarPoint& point : scan.points)
+    view.points +=
+        camera.project(T_camera_lidar * Eigen::Vector3d(point.x_m, point.y_m, point.z_m)).has_value() ? 1 : 0;
+  return view;
+}
+
+bool sees_nothing(const View& view, const LidarScan& scan) { return view.points * 200 < scan.points.size(); }
+
+RigidTransform with_rotation(RigidTransform T, const Eigen::Matrix3d& R) {
+  T.linear() = R;
+  return T;
+}
+
+/// R = Rz(yaw) Ry(pitch) Rx(roll), as ROS and URDF have it.
+Eigen::Matrix3d from_roll_pitch_yaw(const Eigen::Vector3d& angles) {
+  return (Eigen::AngleAxisd(angles.z(), Eigen::Vector3d::UnitZ()) *
+          Eigen::AngleAxisd(angles.y(), Eigen::Vector3d::UnitY()) *
+          Eigen::AngleAxisd(angles.x(), Eigen::Vector3d::UnitX()))
+      .toRotationMatrix();
+}
+
+Eigen::Vector3d roll_pitch_yaw(const Eigen::Matrix3d& R) {
+  return {std::atan2(R(2, 1), R(2, 2)), std::asin(std::clamp(-R(2, 0), -1.0, 1.0)), std::atan2(R(1, 0), R(0, 0))};
+}
+
+/// A rotation of less than pi degrees per axis can have come from angles in radians that were taken for degrees.
+void add_radians_as_degrees(const RigidTransform& T, std::vector<ExtrinsicReading>& readings) {
+  const Eigen::AngleAxisd turn(T.linear());
+  if (turn.angle() > std::sqrt(3) * std::numbers::pi * radians_per_degree) return;
+  const auto add = [&](const RigidTransform& reading, std::string_view words) {
+    readings.push_back({"radians_as_degrees", words, reading});
+  };
+  const auto scaled = [](const RigidTransform& from) {
+    return with_rotation(from, from_roll_pitch_yaw(roll_pitch_yaw(from.linear()) * degrees_per_radian));
+  };
+  add(scaled(T), "its roll, pitch and yaw look like radians that were taken for degrees");
+  add(scaled(T.inverse()).inverse(),
+      "the roll, pitch and yaw of its inverse, T_lidar_camera, look like radians that were taken for degrees");
+  add(with_rotation(T, Eigen::AngleAxisd(turn.angle() * degrees_per_radian, turn.axis()).toRotationMatrix()),
+      "its rotation vector looks like radians that were taken for degrees");
+}
+
+/// In the order in which they are believed when they fit about as well.
+std::vector<ExtrinsicReading> other_readings(const RigidTransform& T) {
+  RigidTransform T_optical_body = RigidTransform::Identity();
+  T_optical_body.linear() << 0, -1, 0, 0, 0, -1, 1, 0, 0;
+  const Eigen::Quaterniond q(T.linear());
+  std::vector<ExtrinsicReading> readings;
+  add_radians_as_degrees(T, readings);
+  readings.push_back({"inverse", "it looks like the inverse, T_lidar_camera", T.inverse()});
+  readings.push_back({"body_frame",
+                      "its camera frame looks like the body frame (x forward, y left, z up) instead of the optical "
+                      "frame (x right, y down, z forward)",
+                      T_optical_body * T});
+  readings.push_back({"inverse_body_frame",
+                      "it looks like the inverse, T_lidar_camera, with the camera's body frame (x forward, y left, z "
+                      "up) instead of the optical frame",
+                      T_optical_body * T.inverse()});
+  readings.push_back({"quaternion_wxyz", "its quaternion looks as if it were in the order w, x, y, z",
+                      with_rotation(T, Eigen::Quaterniond(q.x(), q.y(), q.z(), q.w()).toRotationMatrix())});
+  return readings;
+}
+
+struct Scene {
+  const Camera& camera;
+  const LidarScan& scan;
+  const DepthMap* depth;
+
+  [[nodiscard]] std::optional<DepthAgreement> agreement(const RigidTransform& T_camera_lidar) const {
+    return depth ? depth_agreement(*depth, camera, T_camera_lidar, scan) : std::nullopt;
+  }
+};
+
+/// The reading that depth agrees with best, when that is well and clearly better than with the given one.
+void find_by_depth(const Scene& scene, const std::vector<ExtrinsicReading>& readings, ExtrinsicOpinion& opinion) {
+  constexpr double good = 0.5, clearly = 0.2, as_good = 0.003;
+  double best = good;
+  if (opinion.agreement) best = std::max(best, opinion.agreement->rank_correlation + clearly);
+  for (const ExtrinsicReading& reading : readings) {
+    const auto agreement = scene.agreement(reading.T_camera_lidar);
+    if (!agreement || agreement->rank_correlation < best) continue;
+    opinion.likely = reading, opinion.likely_agreement = agreement;
+    best = agreement->rank_correlation + as_good;
+  }
+}
+
+/// The reading that sets the camera upright and sees the most, when that is about as much as with the given one: with a
+/// wide lens a wrong direction may see a few points more.
+void find_by_view(const Scene& scene, const std::vector<ExtrinsicReading>& readings, ExtrinsicOpinion& opinion) {
+  const ExtrinsicReading* best = nullptr;
+  std::size_t most = 0;
+  for (const ExtrinsicReading& reading : readings) {
+    if (reading.code == "quaternion_wxyz") continue;  // sets a camera upright that is mounted upside down
+    const View view = view_of(scene.camera, reading.T_camera_lidar, scene.scan);
+    if (!view.upright || sees_nothing(view, scene.scan) || 5 * view.points < 6 * most) continue;
+    best = &reading, most = view.points;
+  }
+  if (best && 10 * most > 7 * opinion.points_in_view) opinion.likely = *best;
+}
+
+}  // namespace
+
+ExtrinsicOpinion examine_extrinsic(const Camera& camera, const RigidTransform& T_camera_lidar, const LidarScan& scan,
+                                   const DepthMap* depth) {
+  constexpr double trusted = 0.5;
+  const Scene scene{camera, scan, depth};
+  const View given = view_of(camera, T_camera_lidar, scan);
+  ExtrinsicOpinion opinion{.points_in_view = given.points,
+                           .sees_nothing = sees_nothing(given, scan),
+                           .upright = given.upright,
+                           .agreement = scene.agreement(T_camera_lidar),
+                           .likely = {},
+                           .likely_agreement = {}};
+  const auto readings = other_readings(T_camera_lidar);
+  if (depth) find_by_depth(scene, readings, opinion);
+  const bool agrees = opinion.agreement && opinion.agreement->rank_correlation > trusted;
+  if (!opinion.likely && !agrees && (opinion.sees_nothing || !opinion.upright)) find_by_view(scene, readings, opinion);
+  return opinion;
+}
+
+Result<void> check_extrinsic(const Camera& camera, const RigidTransform& T_camera_lidar, const LidarScan& scan) {
+  const ExtrinsicOpinion opinion = examine_extrinsic(camera, T_camera_lidar, scan);
+  if (opinion.plausible()) return {};
+  return fail("extrinsic_implausible", "T_camera_lidar puts " + std::to_string(opinion.points_in_view) + " of " +
+                                           std::to_string(scan.points.size()) + " points into the image" +
+                                           (opinion.upright ? "" : " and the camera on its side") +
+                                           (opinion.likely ? ": " + std::string(opinion.likely->words) : ""));
+}
+
+}  // namespace calib

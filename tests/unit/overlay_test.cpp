@@ -1,0 +1,61 @@
+#include "calib/overlay.hpp"
+
+#include <opencv2/imgcodecs.hpp>
+
+#include "support/catch.hpp"
+#include "support/support.hpp"
+
+using namespace calib;
+using test::require_ok;
+
+namespace {
+
+/// A grey image of 64 x 48, a near point in its left half and a far one in its right half.
+struct Shot {
+  Camera camera = require_ok(Camera::make(CameraModel::rectified, 64, 48, {50, 50, 32, 24}));
+  FramePair pair{{{}, 64, 48, std::vector<std::uint8_t>(64 * 48, 100)}, {}, {{}, {{-1, 0, 4, 0}, {20, 0, 80, 0}}}};
+};
+
+bool warm(const cv::Vec3b& bgr) { return bgr[2] > bgr[0] + 50; }
+bool cold(const cv::Vec3b& bgr) { return bgr[0] > bgr[2] + 20; }
+
+}  // namespace
+
+TEST_CASE("near points are red and far ones blue, where they land") {
+  const test::TemporaryFolder folder;
+  const Shot shot;
+  const auto file = folder.path() / "overlay.png";
+  require_ok(write_overlay(file, shot.pair, shot.camera, RigidTransform::Identity()));
+  const cv::Mat picture = cv::imread(file.string());
+  REQUIRE(picture.size() == cv::Size(64, 48));
+  CHECK(warm(picture.at<cv::Vec3b>(24, 20)));
+  CHECK(cold(picture.at<cv::Vec3b>(24, 45)));
+  CHECK(picture.at<cv::Vec3b>(2, 2) == cv::Vec3b(100, 100, 100));
+}
+
+TEST_CASE("depth stands below the image in the same colours, black where there is none") {
+  const test::TemporaryFolder folder;
+  const Shot shot;
+  DepthMap depth{64, 48, std::vector<float>(64 * 48, DepthMap::no_depth)};
+  for (int v = 0; v < 48; ++v)
+    for (int u = 0; u < 64; ++u)
+      if (v > 8) depth.inverse_depth[static_cast<std::size_t>(v) * 64 + u] = static_cast<float>(64 - u);
+  const auto file = folder.path() / "overlay.png";
+  require_ok(write_overlay(file, shot.pair, shot.camera, RigidTransform::Identity(), &depth));
+  const cv::Mat picture = cv::imread(file.string());
+  REQUIRE(picture.size() == cv::Size(64, 96));
+  CHECK(warm(picture.at<cv::Vec3b>(48 + 30, 4)));
+  CHECK(cold(picture.at<cv::Vec3b>(48 + 30, 58)));
+  CHECK(picture.at<cv::Vec3b>(48 + 4, 30) == cv::Vec3b(0, 0, 0));
+}
+
+TEST_CASE("a picture that cannot be written is an error that names it") {
+  const test::TemporaryFolder folder;
+  const Shot shot;
+  for (const char* name : {"no/such/folder.png", "picture.nothing", "picture"}) {
+    const auto written = write_overlay(folder.path() / name, shot.pair, shot.camera, RigidTransform::Identity());
+    REQUIRE_FALSE(written);
+    CHECK(written.error().code == "write_failed");
+    CHECK(written.error().context.find(name) != std::string::npos);
+  }
+}
