@@ -2,6 +2,10 @@
 
 #include <time.h>
 
+#include <algorithm>
+
+#include "journal.hpp"
+#include "message_ids.hpp"
 
 namespace calib {
 namespace {
@@ -70,10 +74,6 @@ Result<std::unique_ptr<Service>> Service::make(Config config, Ledger ledger, Bus
 void Service::run(const std::function<void()>& alive) {
   alive_ = alive;
   auto next = steady_clock::now();
-  const auto stopping = [&] {
-    const std::lock_guard lock(mutex_);
-    return stopping_;
-  };
   while (!stopping()) {
     for (auto& watch : watches_)
       if (!stopping()) sample(*watch);
@@ -87,6 +87,15 @@ void Service::stop() {
   stopping_ = true;
   wake_.notify_all();
   bus_.interrupt();
+}
+
+bool Service::stopping() const {
+  const std::lock_guard lock(mutex_);
+  return stopping_;
+}
+
+bool Service::estimates_depth() const {
+  return std::ranges::any_of(watches_, [](const auto& watch) { return watch->depth->busy(); });
 }
 
 void Service::ask(Question question) {
@@ -111,15 +120,33 @@ void Service::breathe(steady_clock::time_point until) {
 }
 
 void Service::sample(Watch& watch) {
-  const auto pair = collect(watch);
-  const auto evidence = pair ? watch.monitor.evaluate(*pair) : tl::unexpected(pair.error());
-  if (evidence)
-    evaluated(watch, *pair, *evidence);
-  else
-    skipped(watch, evidence.error());
+  if (prepare(watch)) {
+    const auto pair = collect(watch);
+    const auto evidence = pair ? watch.monitor.evaluate(*pair) : tl::unexpected(pair.error());
+    if (stopping()) return;  // whatever is missing was not waited for
+    if (evidence)
+      evaluated(watch, *pair, *evidence);
+    else
+      skipped(watch, evidence.error());
+  }
+  if (stopping()) return;
   conclude(watch);
   publish_status();
   breathe(steady_clock::now());
+}
+
+/// Whether the pair's source of depth is good. One that is not stays so, and nothing can be said of the pair.
+bool Service::prepare(Watch& watch) {
+  const auto remark = watch.depth->prepare();
+  const std::string& name = watch.config->name;
+  if (remark && !remark->empty()) journal(5, message_ids::depth_prepared, name + ": " + *remark);
+  if (remark || stopping()) return remark.has_value();
+  const std::string before = watch.last_skip;
+  skipped(watch, remark.error());
+  watch.windows_without_evidence = windows_to_stale;
+  if (watch.last_skip != before)
+    journal(3, message_ids::depth_failed, name + ": " + watch.last_skip + "; this pair is not evaluated");
+  return false;
 }
 
 /// Reads until a pair is complete or the window closes. Readers live no longer than this call.
@@ -127,14 +154,15 @@ Result<FramePair> Service::collect(Watch& watch) {
   const auto end = steady_clock::now() + config_.sampling.window;
   auto window = bus_.open_window(watch.topics);
   if (!window) return tl::unexpected(window.error());
-  PairBuffer buffer(config_.sampling.max_time_difference, watch.topics.right_image.has_value());
+  PairBuffer buffer(config_.sampling.max_time_difference,
+                    {.right_image = watch.topics.right_image.has_value(), .depth = watch.topics.depth.has_value()});
   std::optional<Error> refused;
   for (auto left = config_.sampling.window; left > left.zero(); left = end - steady_clock::now()) {
     auto samples = window->wait(std::min<std::chrono::nanoseconds>(left, slice));
     if (!samples) return tl::unexpected(samples.error());
     for (Sample& sample : *samples)
       if (auto error = receive(watch, std::move(sample), buffer)) refused = std::move(error);
-    while (auto pair = buffer.take()) {
+    while (auto pair = watch.depth->knows_cameras() ? buffer.take() : std::nullopt) {
       if (pair->image.stamp == watch.state.last_stamp) {
         refused = Error{"duplicate_frame", "the image has the stamp of the last one; does the camera stand still?"};
         continue;
@@ -143,8 +171,10 @@ Result<FramePair> Service::collect(Watch& watch) {
       return std::move(*pair);
     }
     breathe(steady_clock::now());
-    if (const std::lock_guard lock(mutex_); stopping_) break;
+    if (stopping()) break;
   }
+  // What its depth lacks is told when it is asked for.
+  if (auto pair = buffer.take(); pair && !refused) return std::move(*pair);
   return tl::unexpected(refused ? *refused : buffer.why_none());
 }
 
@@ -157,11 +187,17 @@ std::optional<Error> Service::receive(Watch& watch, Sample sample, PairBuffer& b
   } else if (auto* right = std::get_if<RightImage>(&sample)) {
     watch.right_image.last = arrived;
     buffer.add_right_image(std::move(right->image));
-  } else if (auto* scan = std::get_if<LidarScan>(&sample)) {
+  } else if (auto* scan = std::get_if<DecodedCloud>(&sample)) {
     watch.cloud.last = arrived;
     buffer.add_scan(std::move(*scan));
+  } else if (auto* depth = std::get_if<DepthImage>(&sample)) {
+    watch.depth_image.last = arrived;
+    buffer.add_depth(std::move(*depth));
   } else if (const auto* info = std::get_if<CameraInfo>(&sample)) {
+    watch.depth->hear_left(*info);
     return contradiction(*info, watch.config->camera.camera);
+  } else if (const auto* right_info = std::get_if<RightCameraInfo>(&sample)) {
+    watch.depth->hear_right(right_info->info);
   } else if (const auto* malformed = std::get_if<Malformed>(&sample)) {
     ++watch.state.skipped[malformed->error.code];
     return Error{malformed->error.code, malformed->topic + ": " + malformed->error.context};

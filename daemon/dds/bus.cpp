@@ -64,6 +64,8 @@ Result<SamplingWindow> Bus::open_window(const PairTopics& topics) {
   return SamplingWindow::open(participant_.get(), interrupt_.get(), topics);
 }
 
+Result<std::vector<RemoteWriter>> Bus::remote_writers() const { return calib::remote_writers(participant_.get()); }
+
 void Bus::interrupt() { dds_set_guardcondition(interrupt_.get(), true); }
 
 Result<void> Bus::publish_diagnostics(const Status& status, WallTime now) {

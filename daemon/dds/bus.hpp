@@ -3,6 +3,7 @@
 #include <span>
 #include <string_view>
 
+#include "dds/discovery.hpp"
 #include "dds/entity.hpp"
 #include "dds/messages.hpp"
 #include "dds/window.hpp"
@@ -19,6 +20,8 @@ class Bus {
   [[nodiscard]] static Result<Bus> open(std::uint32_t domain, std::string_view interface);
 
   [[nodiscard]] Result<SamplingWindow> open_window(const PairTopics& topics);
+  /// Who else publishes what.
+  [[nodiscard]] Result<std::vector<RemoteWriter>> remote_writers() const;
   /// Ends the `wait` that is going on in another thread, or else the next one. Not for signal handlers.
   void interrupt();
 

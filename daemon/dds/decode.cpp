@@ -109,6 +109,33 @@ Result<PointLayout> point_layout(const sensor_msgs_msg_dds__PointCloud2_& messag
   return PointLayout{*xyz[0], *xyz[1], *xyz[2], intensity ? intensity : reflectance};
 }
 
+/// Counts the points of a cloud, and keeps an even sample of their ranges.
+class Ranges {
+ public:
+  explicit Ranges(std::uint64_t points) : stride_(std::max<std::uint64_t>(1, points / 2048)) {}
+
+  /// Whether the point is taken.
+  bool count(double range_m, CloudCensus& census) {
+    const bool sampled = census.points++ % stride_ == 0;
+    census.not_finite += !std::isfinite(range_m);
+    census.at_origin += range_m == 0;
+    if (!std::isfinite(range_m) || range_m == 0) return false;
+    if (sampled) sample_.push_back(range_m);
+    census.too_far += range_m > max_range_m;
+    return range_m <= max_range_m;
+  }
+  [[nodiscard]] double median() {
+    if (sample_.empty()) return 0;
+    const auto middle = sample_.begin() + static_cast<std::ptrdiff_t>(sample_.size() / 2);
+    std::ranges::nth_element(sample_, middle);
+    return *middle;
+  }
+
+ private:
+  std::uint64_t stride_;
+  std::vector<double> sample_;
+};
+
 bool all_finite(std::span<const double> values) {
   return std::ranges::all_of(values, [](double value) { return std::isfinite(value); });
 }
@@ -181,7 +208,7 @@ Result<Timestamp> decode_stamp(const std_msgs_msg_dds__Header_& header) {
   return std::chrono::seconds(header.stamp.sec) + std::chrono::nanoseconds(header.stamp.nanosec);
 }
 
-Result<LidarScan> decode_cloud(const sensor_msgs_msg_dds__PointCloud2_& message) {
+Result<DecodedCloud> decode_cloud(const sensor_msgs_msg_dds__PointCloud2_& message) {
   const auto stamp = decode_stamp(message.header);
   if (!stamp) return tl::unexpected(stamp.error());
   if (message.point_step < 1 || message.point_step > max_point_step)
@@ -191,7 +218,7 @@ Result<LidarScan> decode_cloud(const sensor_msgs_msg_dds__PointCloud2_& message)
     return fail("malformed:cloud_size", std::to_string(points) + " points where 4000000 are allowed");
   const auto layout = point_layout(message);
   if (!layout) return tl::unexpected(layout.error());
-  LidarScan scan{*stamp, {}};
+  DecodedCloud scan{{*stamp, {}}};
   if (points == 0) return scan;
   const std::uint64_t row_bytes = width * message.point_step;
   if (message.row_step < row_bytes)
@@ -202,6 +229,7 @@ Result<LidarScan> decode_cloud(const sensor_msgs_msg_dds__PointCloud2_& message)
 
   const bool swap = message.is_bigendian != (std::endian::native == std::endian::big);
   scan.points.reserve(points);
+  Ranges ranges(points);
   for (std::uint64_t row = 0; row < height; ++row) {
     const std::uint8_t* point = message.data._buffer + row * message.row_step;
     for (std::uint64_t column = 0; column < width; ++column, point += message.point_step) {
@@ -209,13 +237,13 @@ Result<LidarScan> decode_cloud(const sensor_msgs_msg_dds__PointCloud2_& message)
         return read_scalar(point + field.offset, field.type, swap);
       };
       const double x = read(layout->x), y = read(layout->y), z = read(layout->z);
-      const double range = std::hypot(x, y, z);
-      if (!(range > 0 && range <= max_range_m)) continue;  // NaN fails both
+      if (!ranges.count(std::hypot(x, y, z), scan.census)) continue;
       const float reflectance = layout->reflectance ? static_cast<float>(read(*layout->reflectance)) : 0.0F;
       scan.points.push_back({static_cast<float>(x), static_cast<float>(y), static_cast<float>(z),
                              std::isfinite(reflectance) ? reflectance : 0.0F});
     }
   }
+  scan.census.median_range_m = ranges.median();
   return scan;
 }
 
@@ -239,7 +267,9 @@ Result<CameraInfo> decode_camera_info(const sensor_msgs_msg_dds__CameraInfo_& me
                   .model = distortion->model,
                   .K = {},
                   .D = distortion->distortion,
-                  .P = {}};
+                  .P = {},
+                  .R = {}};
+  std::ranges::copy(message.r, info.R.begin());
   std::ranges::copy(message.k, info.K.begin());
   std::ranges::copy(message.p, info.P.begin());
   across->adjust(info.K[0], info.K[2]);

@@ -18,11 +18,14 @@ namespace calib {
 /// | code                            | message                | bound                                                |
 /// |---------------------------------|------------------------|------------------------------------------------------|
 /// | malformed:stamp                 | all                    | sec >= 0, nanosec < 1e9                              |
-/// | malformed:encoding              | Image                  | on the list of `decode_image`                        |
+/// | malformed:encoding              | Image, DisparityImage  | on the list of the decoder                           |
 /// | malformed:depth_encoding        | Image, CompressedImage | not 16UC1 or 32FC1: that is depth                    |
-/// | malformed:image_size            | Image, CameraInfo      | 1 <= width * height <= 64 Mpx                        |
-/// | malformed:step                  | Image                  | step >= width * bytes per pixel                      |
-/// | malformed:image_data            | Image                  | data >= step * height; OpenCV takes it               |
+/// | malformed:image_size            | all with an image      | 1 <= width * height <= 64 Mpx                        |
+/// | malformed:step                  | Image, DisparityImage  | step >= width * bytes per pixel                      |
+/// | malformed:image_data            | Image, DisparityImage  | data >= step * height; OpenCV takes it               |
+/// | malformed:disparity_scale       | DisparityImage         | f and t finite and > 0                               |
+/// | malformed:disparity_range       | DisparityImage         | min_disparity <= max_disparity, both finite          |
+/// | malformed:valid_window          | DisparityImage         | inside the image                                     |
 /// | malformed:compressed_size       | CompressedImage        | 1 .. 32'000'000 bytes                                |
 /// | malformed:compressed_format     | CompressedImage        | begins as a JPEG or a PNG does                       |
 /// | malformed:compressed_dimensions | CompressedImage        | 1 .. 64 Mpx, by its header                           |
@@ -40,18 +43,40 @@ namespace calib {
 /// | malformed:roi                   | CameraInfo             | roi inside width x height, binning inside the roi    |
 // clang-format on
 
+/// Whether an image's colour is wanted beside its grey.
+enum class Colour { none, rgb };
+
 /// Grey by OpenCV's weights, 8 bit. Encodings: rgb8 bgr8 rgba8 bgra8 mono8 8UC1, 8UC3 (as bgr8), mono16 (its
 /// full range becomes 0 .. 255), bayer_{rggb,bggr,gbrg,grbg}8, yuv422 = uyvy, yuv422_yuy2 = yuyv.
-[[nodiscard]] Result<Image> decode_image(const sensor_msgs_msg_dds__Image_& message);
+[[nodiscard]] Result<Image> decode_image(const sensor_msgs_msg_dds__Image_& message, Colour colour = Colour::none);
 
 /// JPEG or PNG by their first bytes, whatever `format` says. An EXIF orientation is not applied: calibration
 /// is about the sensor's own pixels.
-[[nodiscard]] Result<Image> decode_compressed_image(const sensor_msgs_msg_dds__CompressedImage_& message);
+[[nodiscard]] Result<Image> decode_compressed_image(const sensor_msgs_msg_dds__CompressedImage_& message,
+                                                    Colour colour = Colour::none);
+
+/// Depth along the optical axis, as REP 118 has it: 16UC1 in millimetres, where 0 is none, or 32FC1 in metres, where
+/// what is not a positive finite number is none.
+[[nodiscard]] Result<DepthImage> decode_depth(const sensor_msgs_msg_dds__Image_& message);
+
+/// Disparities (32FC1, pixels) of the left image: depth is f t / disparity. None where that is not positive, outside
+/// min_disparity .. max_disparity (which a producer may leave at 0), or outside the valid window (likewise).
+[[nodiscard]] Result<DepthImage> decode_disparity(const stereo_msgs_msg_dds__DisparityImage_& message);
+
+/// What a cloud held, taken or dropped: one in another unit than metres shows here.
+struct CloudCensus {
+  std::uint64_t points = 0, not_finite = 0, at_origin = 0, too_far = 0;
+  /// Of an even sample of what is neither: before anything is dropped for being far. 0 when there is none.
+  double median_range_m = 0;
+};
+struct DecodedCloud : LidarScan {
+  CloudCensus census = {};
+};
 
 /// Reflectance is the field `intensity`, else `reflectance`, else 0. Dropped: points that are not finite,
 /// beyond 500 m, or exactly at the origin, which is how some drivers write "no return". An empty cloud is an
 /// empty scan.
-[[nodiscard]] Result<LidarScan> decode_cloud(const sensor_msgs_msg_dds__PointCloud2_& message);
+[[nodiscard]] Result<DecodedCloud> decode_cloud(const sensor_msgs_msg_dds__PointCloud2_& message);
 
 /// What a camera says about itself, for the image as it is published: sensor_msgs/CameraInfo's K and P are for the full
 /// sensor; here its roi is cut out of that and its binning merged (a binned pixel's centre is that of its block).
@@ -66,11 +91,15 @@ struct CameraInfo {
   std::array<double, 9> K{};
   std::vector<double> D;
   std::array<double, 12> P{};
+  /// Turns the raw camera's frame into the rectified one; row-major. As sent: all zero where nobody calibrated.
+  std::array<double, 9> R{};
 };
 [[nodiscard]] Result<CameraInfo> decode_camera_info(const sensor_msgs_msg_dds__CameraInfo_& message);
 
 /// Shared by the decoders. Fails with `malformed:stamp`.
 [[nodiscard]] Result<Timestamp> decode_stamp(const std_msgs_msg_dds__Header_& header);
+/// Fails with `malformed:image_size`, `malformed:step` or `malformed:image_data`.
+[[nodiscard]] Result<void> check_layout(const sensor_msgs_msg_dds__Image_& message, std::uint64_t bytes_per_pixel);
 
 inline constexpr std::int64_t max_image_pixels = 64'000'000;
 

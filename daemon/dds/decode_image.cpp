@@ -12,33 +12,33 @@ namespace calib {
 namespace {
 
 constexpr std::size_t max_compressed_bytes = 32'000'000;
-constexpr int copy_grey = -1, scale_grey16 = -2;
+constexpr int as_it_is = -1, scale_grey16 = -2, no_colour = -3;
 
-/// How an encoding becomes grey: an OpenCV colour code, or one of the two above.
+/// How an encoding becomes grey and RGB: an OpenCV colour code, or one of those above.
 struct Encoding {
   std::string_view name;
   int opencv_type;
-  int conversion;
+  int to_grey, to_rgb;
 };
 
 // OpenCV names a Bayer pattern by the second row's second and third pixel, ROS by the first row's first two.
 constexpr Encoding encodings[] = {
-    {"mono8", CV_8UC1, copy_grey},
-    {"8UC1", CV_8UC1, copy_grey},
-    {"mono16", CV_16UC1, scale_grey16},
-    {"rgb8", CV_8UC3, cv::COLOR_RGB2GRAY},
-    {"bgr8", CV_8UC3, cv::COLOR_BGR2GRAY},
-    {"8UC3", CV_8UC3, cv::COLOR_BGR2GRAY},
-    {"rgba8", CV_8UC4, cv::COLOR_RGBA2GRAY},
-    {"bgra8", CV_8UC4, cv::COLOR_BGRA2GRAY},
-    {"bayer_rggb8", CV_8UC1, cv::COLOR_BayerBG2GRAY},
-    {"bayer_bggr8", CV_8UC1, cv::COLOR_BayerRG2GRAY},
-    {"bayer_gbrg8", CV_8UC1, cv::COLOR_BayerGR2GRAY},
-    {"bayer_grbg8", CV_8UC1, cv::COLOR_BayerGB2GRAY},
-    {"yuv422", CV_8UC2, cv::COLOR_YUV2GRAY_UYVY},
-    {"uyvy", CV_8UC2, cv::COLOR_YUV2GRAY_UYVY},
-    {"yuv422_yuy2", CV_8UC2, cv::COLOR_YUV2GRAY_YUY2},
-    {"yuyv", CV_8UC2, cv::COLOR_YUV2GRAY_YUY2},
+    {"mono8", CV_8UC1, as_it_is, no_colour},
+    {"8UC1", CV_8UC1, as_it_is, no_colour},
+    {"mono16", CV_16UC1, scale_grey16, no_colour},
+    {"rgb8", CV_8UC3, cv::COLOR_RGB2GRAY, as_it_is},
+    {"bgr8", CV_8UC3, cv::COLOR_BGR2GRAY, cv::COLOR_BGR2RGB},
+    {"8UC3", CV_8UC3, cv::COLOR_BGR2GRAY, cv::COLOR_BGR2RGB},
+    {"rgba8", CV_8UC4, cv::COLOR_RGBA2GRAY, cv::COLOR_RGBA2RGB},
+    {"bgra8", CV_8UC4, cv::COLOR_BGRA2GRAY, cv::COLOR_BGRA2RGB},
+    {"bayer_rggb8", CV_8UC1, cv::COLOR_BayerBG2GRAY, cv::COLOR_BayerBG2RGB},
+    {"bayer_bggr8", CV_8UC1, cv::COLOR_BayerRG2GRAY, cv::COLOR_BayerRG2RGB},
+    {"bayer_gbrg8", CV_8UC1, cv::COLOR_BayerGR2GRAY, cv::COLOR_BayerGR2RGB},
+    {"bayer_grbg8", CV_8UC1, cv::COLOR_BayerGB2GRAY, cv::COLOR_BayerGB2RGB},
+    {"yuv422", CV_8UC2, cv::COLOR_YUV2GRAY_UYVY, cv::COLOR_YUV2RGB_UYVY},
+    {"uyvy", CV_8UC2, cv::COLOR_YUV2GRAY_UYVY, cv::COLOR_YUV2RGB_UYVY},
+    {"yuv422_yuy2", CV_8UC2, cv::COLOR_YUV2GRAY_YUY2, cv::COLOR_YUV2RGB_YUY2},
+    {"yuyv", CV_8UC2, cv::COLOR_YUV2GRAY_YUY2, cv::COLOR_YUV2RGB_YUY2},
 };
 
 bool is_depth(std::string_view encoding) {
@@ -66,6 +66,21 @@ void scale_to_8_bit(const sensor_msgs_msg_dds__Image_& message, Image& image) {
       *out++ = static_cast<std::uint8_t>((value + 128) / 257);
     }
   }
+}
+
+/// Into `out`, which has the size already.
+Result<void> convert(const cv::Mat& in, int conversion, int type, std::vector<std::uint8_t>& out) {
+  try {
+    cv::Mat to(in.rows, in.cols, type, out.data());
+    if (conversion == as_it_is)
+      in.copyTo(to);
+    else
+      cv::cvtColor(in, to, conversion);
+    if (to.data != out.data()) return fail("malformed:image_data", "the conversion changed its size");
+  } catch (const cv::Exception& e) {
+    return fail("malformed:image_data", "OpenCV refuses it: " + e.err);
+  }
+  return {};
 }
 
 struct Size {
@@ -134,42 +149,42 @@ Result<Size> probe(Bytes bytes) {
 
 }  // namespace
 
-Result<Image> decode_image(const sensor_msgs_msg_dds__Image_& message) {
+Result<void> check_layout(const sensor_msgs_msg_dds__Image_& message, std::uint64_t bytes_per_pixel) {
+  if (!Size{message.width, message.height}.in_bounds())
+    return fail("malformed:image_size", std::to_string(message.width) + " x " + std::to_string(message.height) +
+                                            " is outside 1 .. 64 Mpx");
+  if (message.step < message.width * bytes_per_pixel)
+    return fail("malformed:step", "step " + std::to_string(message.step) + " is less than a row of " +
+                                      std::to_string(bytes_per_pixel) + " bytes per pixel");
+  if (message.data._length < std::uint64_t{message.step} * message.height)
+    return fail("malformed:image_data", "fewer bytes of data than step * height");
+  return {};
+}
+
+Result<Image> decode_image(const sensor_msgs_msg_dds__Image_& message, Colour colour) {
   const auto stamp = decode_stamp(message.header);
   if (!stamp) return tl::unexpected(stamp.error());
   const auto encoding = find_encoding(message.encoding ? message.encoding : "");
   if (!encoding) return tl::unexpected(encoding.error());
-  if (!Size{message.width, message.height}.in_bounds())
-    return fail("malformed:image_size", std::to_string(message.width) + " x " +
-                                            std::to_string(message.height) + " is outside 1 .. 64 Mpx");
-  if (message.step < std::uint64_t{message.width} * CV_ELEM_SIZE(encoding->opencv_type))
-    return fail("malformed:step", "step " + std::to_string(message.step) + " is less than a row of " +
-                                      std::string(encoding->name));
-  if (message.data._length < std::uint64_t{message.step} * message.height)
-    return fail("malformed:image_data", "fewer bytes of data than step * height");
+  const auto size = static_cast<std::uint64_t>(CV_ELEM_SIZE(encoding->opencv_type));
+  if (const auto sound = check_layout(message, size); !sound) return tl::unexpected(sound.error());
 
   Image image{*stamp, static_cast<int>(message.width), static_cast<int>(message.height), {}};
   image.pixels.resize(std::size_t{message.width} * message.height);
-  if (encoding->conversion == scale_grey16) {
+  if (encoding->to_grey == scale_grey16) {
     scale_to_8_bit(message, image);
     return image;
   }
-  try {
-    const cv::Mat in(image.height, image.width, encoding->opencv_type, message.data._buffer, message.step);
-    cv::Mat grey(image.height, image.width, CV_8UC1, image.pixels.data());
-    if (encoding->conversion == copy_grey)
-      in.copyTo(grey);
-    else
-      cv::cvtColor(in, grey, encoding->conversion);
-    if (grey.data != image.pixels.data())
-      return fail("malformed:image_data", "the conversion changed its size");
-  } catch (const cv::Exception& e) {
-    return fail("malformed:image_data", "OpenCV refuses it: " + e.err);
-  }
+  const cv::Mat in(image.height, image.width, encoding->opencv_type, message.data._buffer, message.step);
+  if (const auto made = convert(in, encoding->to_grey, CV_8UC1, image.pixels); !made)
+    return tl::unexpected(made.error());
+  if (colour == Colour::none || encoding->to_rgb == no_colour) return image;
+  image.rgb.resize(3 * image.pixels.size());
+  if (const auto made = convert(in, encoding->to_rgb, CV_8UC3, image.rgb); !made) return tl::unexpected(made.error());
   return image;
 }
 
-Result<Image> decode_compressed_image(const sensor_msgs_msg_dds__CompressedImage_& message) {
+Result<Image> decode_compressed_image(const sensor_msgs_msg_dds__CompressedImage_& message, Colour colour) {
   const auto stamp = decode_stamp(message.header);
   if (!stamp) return tl::unexpected(stamp.error());
   if (message.format && is_depth(message.format))
@@ -181,17 +196,25 @@ Result<Image> decode_compressed_image(const sensor_msgs_msg_dds__CompressedImage
   const auto size = probe(bytes);
   if (!size) return tl::unexpected(size.error());
 
-  cv::Mat grey;
+  cv::Mat picture;
   try {
     const cv::Mat in(1, static_cast<int>(bytes.size()), CV_8UC1, message.data._buffer);
-    grey = cv::imdecode(in, cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
+    const auto wanted = colour == Colour::rgb ? cv::IMREAD_COLOR : cv::IMREAD_GRAYSCALE;
+    picture = cv::imdecode(in, wanted | cv::IMREAD_IGNORE_ORIENTATION);
   } catch (const cv::Exception& e) {
     return fail("malformed:compressed_data", "OpenCV refuses it: " + e.err);
   }
-  if (grey.empty() || grey.cols != size->width || grey.rows != size->height)
+  if (picture.empty() || picture.cols != size->width || picture.rows != size->height)
     return fail("malformed:compressed_data", "it does not decode to the size that its header gives");
-  if (!grey.isContinuous()) grey = grey.clone();
-  return Image{*stamp, grey.cols, grey.rows, {grey.data, grey.data + grey.total()}};
+  Image image{*stamp, picture.cols, picture.rows, std::vector<std::uint8_t>(picture.total())};
+  const bool grey_only = colour == Colour::none;
+  if (const auto made = convert(picture, grey_only ? as_it_is : cv::COLOR_BGR2GRAY, CV_8UC1, image.pixels); !made)
+    return tl::unexpected(made.error());
+  if (grey_only) return image;
+  image.rgb.resize(3 * image.pixels.size());
+  if (const auto made = convert(picture, cv::COLOR_BGR2RGB, CV_8UC3, image.rgb); !made)
+    return tl::unexpected(made.error());
+  return image;
 }
 
 }  // namespace calib

@@ -89,6 +89,7 @@ KeyValues key_values(const PairStatus& pair) {
     values.emplace_back("proposed record sequence", std::to_string(pair.proposed->record_sequence));
   add_input("image", pair.image, values);
   if (pair.right_image) add_input("right image", *pair.right_image, values);
+  if (pair.depth) add_input("depth", *pair.depth, values);
   add_input("cloud", pair.cloud, values);
   if (pair.time_difference_ms)
     values.emplace_back("time difference [ms]", fmt::format("{:.1f}", *pair.time_difference_ms));

@@ -18,6 +18,8 @@ inline const MessageType image_type{&sensor_msgs_msg_dds__Image__desc,
 inline const MessageType compressed_image_type{
     &sensor_msgs_msg_dds__CompressedImage__desc,
     "15640771531571185e2efc8a100baf923961a4d15d5569652e6cb6691e8e371a"};
+inline const MessageType disparity_image_type{&stereo_msgs_msg_dds__DisparityImage__desc,
+                                              "1ec1ff6b5bace919e4544a37f2d96ead9f81783701b7b7a4d97a09325ecf2711"};
 inline const MessageType camera_info_type{&sensor_msgs_msg_dds__CameraInfo__desc,
                                           "b3dfd68ff46c9d56c80fd3bd4ed22c7a4ddce8c8348f2f59c299e73118e7e275"};
 inline const MessageType cloud_type{&sensor_msgs_msg_dds__PointCloud2__desc,

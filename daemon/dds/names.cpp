@@ -42,6 +42,21 @@ Result<std::string> dds_topic_name(std::string_view topic) {
   return "rt" + std::string(topic);
 }
 
+std::string ros_topic_name(std::string_view dds_topic) {
+  const bool ros = dds_topic.starts_with("rt") && is_ros_name(dds_topic.substr(2));
+  return ros ? std::string(dds_topic.substr(2)) : "dds:" + std::string(dds_topic);
+}
+
+std::string ros_type_name(std::string_view dds_type) {
+  constexpr std::string_view middle = "::dds_::";
+  const auto at = dds_type.find(middle);
+  const auto package = dds_type.substr(0, dds_type.find("::"));
+  if (at == std::string_view::npos || at <= package.size() || !dds_type.ends_with('_')) return std::string(dds_type);
+  const auto kind = dds_type.substr(package.size() + 2, at - package.size() - 2);  // msg
+  const auto name = dds_type.substr(at + middle.size());
+  return std::string(package) + '/' + std::string(kind) + '/' + std::string(name.substr(0, name.size() - 1));
+}
+
 bool is_compressed_topic(std::string_view topic) { return topic.ends_with("/compressed"); }
 
 bool is_interface_name(std::string_view name) {

@@ -27,12 +27,24 @@ Result<std::optional<Sample>> take(dds_entity_t reader, const std::string& topic
   return sample;
 }
 
+template <Colour colour>
+Result<Image> image_of(const sensor_msgs_msg_dds__Image_& message) {
+  return decode_image(message, colour);
+}
+template <Colour colour>
+Result<Image> compressed_image_of(const sensor_msgs_msg_dds__CompressedImage_& message) {
+  return decode_compressed_image(message, colour);
+}
+
+template <typename As, Colour colour = Colour::none>
+constexpr auto take_image = take<As, sensor_msgs_msg_dds__Image_, image_of<colour>>;
+template <typename As, Colour colour = Colour::none>
+constexpr auto take_compressed = take<As, sensor_msgs_msg_dds__CompressedImage_, compressed_image_of<colour>>;
+constexpr auto take_cloud = take<DecodedCloud, sensor_msgs_msg_dds__PointCloud2_, decode_cloud>;
 template <typename As>
-constexpr auto take_image = take<As, sensor_msgs_msg_dds__Image_, decode_image>;
-template <typename As>
-constexpr auto take_compressed = take<As, sensor_msgs_msg_dds__CompressedImage_, decode_compressed_image>;
-constexpr auto take_cloud = take<LidarScan, sensor_msgs_msg_dds__PointCloud2_, decode_cloud>;
-constexpr auto take_camera_info = take<CameraInfo, sensor_msgs_msg_dds__CameraInfo_, decode_camera_info>;
+constexpr auto take_camera_info = take<As, sensor_msgs_msg_dds__CameraInfo_, decode_camera_info>;
+constexpr auto take_depth = take<DepthImage, sensor_msgs_msg_dds__Image_, decode_depth>;
+constexpr auto take_disparity = take<DepthImage, stereo_msgs_msg_dds__DisparityImage_, decode_disparity>;
 
 }  // namespace
 
@@ -49,12 +61,21 @@ Result<SamplingWindow> SamplingWindow::open(dds_entity_t participant, dds_entity
     return is_compressed_topic(topic) ? window.add(participant, compressed_image_type, topic, compressed)
                                       : window.add(participant, image_type, topic, raw);
   };
-  if (opened) opened = add_image(topics.image, take_image<LeftImage>, take_compressed<LeftImage>);
+  if (opened && topics.colour == Colour::rgb)
+    opened = add_image(topics.image, take_image<LeftImage, Colour::rgb>, take_compressed<LeftImage, Colour::rgb>);
+  else if (opened)
+    opened = add_image(topics.image, take_image<LeftImage>, take_compressed<LeftImage>);
   if (opened && topics.right_image)
     opened = add_image(*topics.right_image, take_image<RightImage>, take_compressed<RightImage>);
   if (opened) opened = window.add(participant, cloud_type, topics.cloud, take_cloud);
   if (opened && topics.camera_info)
-    opened = window.add(participant, camera_info_type, *topics.camera_info, take_camera_info);
+    opened = window.add(participant, camera_info_type, *topics.camera_info, take_camera_info<CameraInfo>);
+  if (opened && topics.right_camera_info)
+    opened = window.add(participant, camera_info_type, *topics.right_camera_info, take_camera_info<RightCameraInfo>);
+  if (opened && topics.depth)
+    opened = topics.depth->message == DepthMessage::image
+                 ? window.add(participant, image_type, topics.depth->name, take_depth)
+                 : window.add(participant, disparity_image_type, topics.depth->name, take_disparity);
   if (!opened) return tl::unexpected(opened.error());
   return window;
 }

@@ -8,15 +8,20 @@
 
 #include "dds/decode.hpp"
 #include "dds/entity.hpp"
+#include "dds/names.hpp"
 
 namespace calib {
 
 /// The ROS topics of a camera-LiDAR pair. One that ends in `/compressed` is read as CompressedImage.
 struct PairTopics {
   std::string image;
-  std::optional<std::string> right_image;
+  std::optional<std::string> right_image = {};
   std::string cloud;
-  std::optional<std::string> camera_info;
+  std::optional<std::string> camera_info = {};
+  std::optional<std::string> right_camera_info = {};
+  std::optional<DepthTopic> depth = {};
+  /// Of `image`.
+  Colour colour = Colour::none;
 };
 
 struct LeftImage {
@@ -25,13 +30,16 @@ struct LeftImage {
 struct RightImage {
   Image image;
 };
+struct RightCameraInfo {
+  CameraInfo info;
+};
 /// A message that was received and is not usable; `topic` as configured, `error.code` is one of
 /// `malformed:*`.
 struct Malformed {
   std::string topic;
   Error error;
 };
-using Sample = std::variant<LeftImage, RightImage, LidarScan, CameraInfo, Malformed>;
+using Sample = std::variant<LeftImage, RightImage, DecodedCloud, CameraInfo, RightCameraInfo, DepthImage, Malformed>;
 
 /// Readers of a pair's topics, for as long as this lives: nothing else of calibd makes a sensor's data
 /// travel. Must not outlive the `Bus` that opened it.

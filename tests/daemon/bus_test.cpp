@@ -83,8 +83,8 @@ TEST_CASE("a window receives every topic of its pair, from reliable and from bes
   CHECK(find<LeftImage>(samples)->image.pixels == std::vector<std::uint8_t>(24, 7));
   REQUIRE(find<RightImage>(samples));
   CHECK(find<RightImage>(samples)->image.pixels == std::vector<std::uint8_t>(24, 3));
-  REQUIRE(find<LidarScan>(samples));
-  CHECK(find<LidarScan>(samples)->points.size() == 6);
+  REQUIRE(find<DecodedCloud>(samples));
+  CHECK(find<DecodedCloud>(samples)->points.size() == 6);
   REQUIRE(find<CameraInfo>(samples));
   CHECK(find<CameraInfo>(samples)->D.size() == 5);
 }
@@ -119,7 +119,7 @@ TEST_CASE("a raw DDS topic is read under its own name") {
   auto window = require_ok(bus().open_window({"/left/image", {}, "dds:Plain_points", {}}));
   REQUIRE(eventually([&] { return readers_of(cloud) == 1; }));
   publish(cloud, CloudMessage{});
-  CHECK(find<LidarScan>(collect(window, 1)));
+  CHECK(find<DecodedCloud>(collect(window, 1)));
 }
 
 TEST_CASE("a malformed sample is reported with its topic and reason, and the next one arrives") {
@@ -135,7 +135,7 @@ TEST_CASE("a malformed sample is reported with its topic and reason, and the nex
   CHECK(find<Malformed>(refused)->topic == "/points");
   CHECK(find<Malformed>(refused)->error.code == "malformed:point_step");
   publish(cloud, CloudMessage{});
-  CHECK(find<LidarScan>(collect(window, 1)));
+  CHECK(find<DecodedCloud>(collect(window, 1)));
 }
 
 TEST_CASE("of a burst only the newest sample is kept") {

@@ -11,7 +11,7 @@ using namespace calib::test;
 
 namespace {
 
-Result<LidarScan> decode(CloudMessage& message) { return decode_cloud(message.raw()); }
+Result<DecodedCloud> decode(CloudMessage& message) { return decode_cloud(message.raw()); }
 
 }  // namespace
 
@@ -48,11 +48,27 @@ TEST_CASE("points that are no measurement are dropped") {
   set(2, 0, 500.1F);
   for (const std::size_t axis : {0, 1, 2}) set(3, axis, 0);  // the origin: no return
   set(4, 3, std::numeric_limits<float>::quiet_NaN());        // only the reflectance is lost
-  const LidarScan scan = require_ok(decode(message));
+  const DecodedCloud scan = require_ok(decode(message));
+  CHECK(scan.census.points == 6);
+  CHECK(scan.census.not_finite == 2);
+  CHECK(scan.census.too_far == 1);
+  CHECK(scan.census.at_origin == 1);
   REQUIRE(scan.points.size() == 2);
   CHECK(scan.points[0].x_m == 5);
   CHECK(scan.points[0].reflectance == 0);
   CHECK(scan.points[1].x_m == 6);
+}
+
+TEST_CASE("the census tells how far points were that were dropped for being far") {
+  CloudMessage message;
+  for (std::size_t point = 0; point < 6; ++point) {
+    const float x = 8000.0F + static_cast<float>(point);
+    std::memcpy(message.data.data() + 16 * point, &x, sizeof(x));
+  }
+  const DecodedCloud scan = require_ok(decode(message));
+  CHECK(scan.points.empty());
+  CHECK(scan.census.too_far == 6);
+  CHECK(scan.census.median_range_m == Approx(8003).epsilon(1e-3));
 }
 
 TEST_CASE("reflectance is intensity, else reflectance, else zero") {

@@ -21,7 +21,7 @@ constexpr double infinity = std::numeric_limits<double>::infinity();
 
 Result<Image> decode(ImageMessage& message) { return decode_image(message.raw()); }
 Result<Image> decode(CompressedImageMessage& message) { return decode_compressed_image(message.raw()); }
-Result<LidarScan> decode(CloudMessage& message) { return decode_cloud(message.raw()); }
+Result<DecodedCloud> decode(CloudMessage& message) { return decode_cloud(message.raw()); }
 Result<CameraInfo> decode(CameraInfoMessage& message) { return decode_camera_info(message.raw()); }
 
 /// One bound: what is still taken, and what is refused with `code`.
@@ -285,7 +285,7 @@ TEST_CASE("a message corrupted at random is a sound value or a listed refusal") 
     return image.width > 0 && image.height > 0 &&
            image.pixels.size() == std::size_t(image.width) * image.height;
   };
-  const std::function sound_scan = [](const LidarScan& scan) {
+  const std::function sound_scan = [](const DecodedCloud& scan) {
     return std::ranges::all_of(scan.points, [](const LidarPoint& p) {
       return std::hypot(p.x_m, p.y_m, p.z_m) <= 500.001F && std::isfinite(p.reflectance);
     });

@@ -1,0 +1,273 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "doctor.hpp"
+
+namespace calib {
+namespace {
+
+/// A rank correlation from which depth and scan plainly tell the same story, and one up to which they do not.
+constexpr double agreeing = 0.5, unrelated = 0.3;
+
+Finding fine(std::string check, std::string what) {
+  return {std::move(check), FindingResult::ok, {}, std::move(what), {}, {}};
+}
+
+Finding not_checked(std::string check, std::string why) {
+  return {std::move(check), FindingResult::not_checked, {}, std::move(why), {}, {}};
+}
+
+Finding problem(std::string check, std::string code, std::string what, std::string cause, std::string remedy) {
+  return {std::move(check), FindingResult::problem, std::move(code),
+          std::move(what),  std::move(cause),       std::move(remedy)};
+}
+
+std::string size_words(int width, int height) { return fmt::format("{} x {}", width, height); }
+
+Finding judge_image_size(const PairSeen& seen) {
+  if (!seen.image) return not_checked("image_size", "no image came");
+  const int width = seen.camera.width(), height = seen.camera.height();
+  const std::string what = fmt::format("images are {} pixels", size_words(seen.image->width, seen.image->height));
+  if (*seen.image == ImageSize{width, height}) return fine("image_size", what + ", as configured");
+  const double across = static_cast<double>(seen.image->width) / width;
+  const double down = static_cast<double>(seen.image->height) / height;
+  const bool scaled = std::abs(across / down - 1) < 0.01;
+  const bool told = seen.camera_info && seen.camera_info->width == seen.image->width &&
+                    seen.camera_info->height == seen.image->height;
+  return problem(
+      "image_size", "image_size_mismatch", what + ", camera.size is " + size_words(width, height),
+      scaled ? fmt::format("the driver publishes them scaled by {:.3g}", across)
+             : "the driver publishes another resolution or a part of the sensor, or this is another camera's topic",
+      fmt::format("write size: [{}, {}] and the intrinsics for images of that size{}", seen.image->width,
+                  seen.image->height, told ? ", which CameraInfo has" : ""));
+}
+
+bool bends(const CameraInfo& info) {
+  return std::ranges::any_of(info.D, [](double value) { return value != 0; });
+}
+
+/// Lenses that CameraInfo has no words for: what it says of them says nothing.
+bool beyond_camera_info(CameraModel model) {
+  return model == CameraModel::double_sphere || model == CameraModel::eucm || model == CameraModel::mei;
+}
+
+std::string told_words(const CameraInfo& info) {
+  return bends(info) ? "model " + std::string(to_string(info.model)) : "no distortion";
+}
+
+/// Whether images are rectified CameraInfo does not say; the topic's name does by convention, and depth knows.
+Finding judge_rectified(const PairSeen& seen, const std::string& what) {
+  const auto& given = seen.extrinsic ? seen.extrinsic->agreement : std::nullopt;
+  const bool better = seen.told_lens && (!given || seen.told_lens->rank_correlation > given->rank_correlation + 0.05);
+  const bool named = std::ranges::any_of(seen.topics, [](const TopicSeen& topic) {
+    return topic.check == "image" && topic.topic.find("rect") != std::string::npos;
+  });
+  if (named && !better) return fine("lens", what + ", and the topic's name says that the images are rectified");
+  Finding finding = problem("lens", "wrong_lens_model", what + " of the raw images",
+                            "camera.model is rectified, and these images probably are not",
+                            "read the rectified topic (image_rect), or write the camera's own model and distortion");
+  if (!better) finding.result = FindingResult::warning;
+  return finding;
+}
+
+Finding judge_lens(const PairSeen& seen) {
+  if (!seen.camera_info) return not_checked("lens", "no CameraInfo came to compare the configured lens with");
+  const CameraInfo& info = *seen.camera_info;
+  const Camera& camera = seen.camera;
+  if (info.width != camera.width() || info.height != camera.height())
+    return problem("lens", "camera_info_mismatch",
+                   "CameraInfo is for " + size_words(info.width, info.height) + " pixels",
+                   "it is another camera's, or the configuration is for another resolution",
+                   "correct camera.size and intrinsics, or camera.info");
+  if (beyond_camera_info(camera.model()))
+    return not_checked("lens", "CameraInfo cannot tell of the model " + std::string(to_string(camera.model())));
+  const std::string what = "CameraInfo tells of " + told_words(info);
+  const bool rectified = camera.model() == CameraModel::rectified;
+  const bool straight = std::ranges::all_of(camera.distortion(), [](double value) { return value == 0; });
+  if (!rectified &&
+      (bends(info) ? info.model != camera.model() : !straight || camera.model() == CameraModel::equidistant))
+    return problem("lens", "wrong_lens_model", what, "camera.model is " + std::string(to_string(camera.model())),
+                   bends(info) ? fmt::format("write model: {} and its distortion", to_string(info.model))
+                               : "write model: rectified, without distortion");
+  const bool from_p = rectified && info.P[0] > 0;
+  const std::array<double, 4> theirs = from_p ? std::array{info.P[0], info.P[5], info.P[2], info.P[6]}
+                                              : std::array{info.K[0], info.K[4], info.K[2], info.K[5]};
+  const std::array<double, 4> ours{camera.fx(), camera.fy(), camera.cx(), camera.cy()};
+  const auto list = [](const std::array<double, 4>& v) {
+    return fmt::format("[{:.2f}, {:.2f}, {:.2f}, {:.2f}]", v[0], v[1], v[2], v[3]);
+  };
+  for (std::size_t i = 0; i < ours.size(); ++i)
+    if (std::abs(theirs[i] - ours[i]) > 0.5)
+      return problem(
+          "lens", "intrinsics_mismatch",
+          fmt::format("CameraInfo's {} has {}, camera.intrinsics are {}", from_p ? "P" : "K", list(theirs), list(ours)),
+          "the intrinsics are another camera's, or of another resolution or calibration",
+          "write the intrinsics of CameraInfo, if that is the right one");
+  if (rectified && bends(info)) return judge_rectified(seen, what);
+  return fine("lens", what + ", and of the configured intrinsics");
+}
+
+/// The unit in which the cloud would have an ordinary median range; empty for metres.
+std::string probable_unit(double median_range) {
+  struct Unit {
+    const char* name;
+    double per_metre;
+  };
+  constexpr std::array units{Unit{"millimetres", 1000}, Unit{"centimetres", 100}, Unit{"", 1},
+                             Unit{"kilometres", 0.001}};
+  constexpr double ordinary_m = 12;
+  const auto strangeness = [&](const Unit& unit) {
+    return std::abs(std::log(median_range / unit.per_metre / ordinary_m));
+  };
+  return std::ranges::min_element(units, {}, strangeness)->name;
+}
+
+Finding judge_cloud_range(const PairSeen& seen) {
+  if (!seen.cloud) return not_checked("cloud_range", "no cloud came");
+  const CloudCensus& cloud = *seen.cloud;
+  const std::uint64_t measured = cloud.points - cloud.not_finite - cloud.at_origin;
+  const std::string what = fmt::format("{} points, {} of them measured, median range {:.4g} m, {} beyond 500 m",
+                                       cloud.points, measured, cloud.median_range_m, cloud.too_far);
+  if (measured == 0)
+    return problem("cloud_range", "empty_cloud", what, "the LiDAR sees nothing, or its driver filters everything out",
+                   "look at the LiDAR's own messages");
+  if (const std::string unit = probable_unit(cloud.median_range_m); !unit.empty())
+    return problem("cloud_range", "cloud_unit", what, "its points look like " + unit,
+                   "let the driver publish metres, as sensor_msgs/PointCloud2 has it");
+  if (cloud.too_far * 20 > measured)
+    return {"cloud_range",
+            FindingResult::warning,
+            "far_points",
+            what,
+            "a driver's mark for no return, or a wrong unit",
+            "let the driver publish NaN where there is no return"};
+  return fine("cloud_range", what);
+}
+
+Finding judge_scene(const PairSeen& seen) {
+  if (!seen.time_difference) return not_checked("scene", "there is no pair of samples");
+  if (!seen.scene) return fine("scene", "light, texture and points are enough to be judged by");
+  return {"scene",
+          FindingResult::warning,
+          seen.scene->code,
+          seen.scene->context,
+          "not a fault of the configuration, if the scene is like that now; such pairs are not evaluated",
+          "ask again where there is light and something to see"};
+}
+
+bool swapped(const PairSeen& seen) {
+  if (!seen.swapped || !seen.swapped->agreement) return false;
+  const double given = seen.extrinsic && seen.extrinsic->agreement ? seen.extrinsic->agreement->rank_correlation : 0;
+  const double then = seen.swapped->agreement->rank_correlation;
+  return then > agreeing && then > given + 0.2;
+}
+
+Finding judge_depth(const PairSeen& seen) {
+  if (!seen.depth) {
+    const Error& error = seen.depth.error();
+    if (error.code == "no_pair") return not_checked("depth", error.context);
+    return problem("depth", error.code, error.context, "the source of depth does not work with what it is given",
+                   "do what the message says; `calibctl check-config` reads the configuration anew");
+  }
+  const std::string what = fmt::format("{:.0f} % of the image has depth", 100 * seen.depth->valid_share);
+  if (swapped(seen))
+    return problem("depth", "stereo_swapped",
+                   what + fmt::format(", {:.0f} % with left and right exchanged", 100 * seen.swapped->valid_share),
+                   "camera.image is the right camera's and the right image the left one's",
+                   "exchange the two topics in the configuration");
+  if (seen.depth->valid_share < seen.min_valid_depth)
+    return problem("depth", "few_valid_depth", what, "the source of depth does not see what it was made for",
+                   seen.depth_source == "stereo" ? "are both images sharp, rectified and of one moment?"
+                                                 : "is it the right model, topic and range_m?");
+  return fine("depth", what);
+}
+
+/// What the depth of `seen` is, where it is certain that it is not what it should be.
+Finding judge_agreement(const PairSeen& seen, const std::vector<Finding>& findings) {
+  if (!seen.extrinsic || !seen.depth) return not_checked("agreement", "there is no depth to compare the cloud with");
+  if (has_problem(findings, {"depth", "extrinsic", "image_size", "cloud_range"}))
+    return not_checked("agreement", "something else is to be put right first");
+  if (!seen.extrinsic->agreement) return not_checked("agreement", "hardly a point of the cloud lands on depth");
+  const DepthAgreement& agreement = *seen.extrinsic->agreement;
+  const double correlation = agreement.rank_correlation;
+  const std::string what =
+      fmt::format("rank correlation of depth and cloud {:.2f}, of {} points", correlation, agreement.points);
+  if (correlation < -unrelated)
+    return problem("agreement", "depth_inverted", what, "what depth takes for near is far",
+                   seen.depth_source == "onnx"
+                       ? "correct output.semantics in the model's descriptor: depth and inverse depth are confused"
+                       : "the topic carries inverse depth where depth is expected, or the other way about");
+  if (seen.told_lens && seen.told_lens->rank_correlation > std::max(agreeing, correlation + 0.15))
+    return problem("agreement", "wrong_lens_model",
+                   what + fmt::format("; {:.2f} with the lens of CameraInfo", seen.told_lens->rank_correlation),
+                   "the configured lens is not this camera's", "write model, intrinsics and distortion of CameraInfo");
+  if (correlation < unrelated)
+    return problem("agreement", "depth_unrelated", what,
+                   "the extrinsic or the lens is far off, or the source of depth does not understand these images",
+                   "look at the picture: points and depth should show the same things in the same places");
+  if (correlation < agreeing)
+    return {"agreement",
+            FindingResult::warning,
+            "weak_agreement",
+            what,
+            "depth is poor, the scene is flat, or the extrinsic is some degrees off",
+            "look at the picture, and at what `calibctl status` says of drift"};
+  return fine("agreement", what);
+}
+
+/// Where depth is metric, its ratio to the cloud tells of units and baselines.
+void judge_scale(const PairSeen& seen, Finding& agreement) {
+  if (agreement.result != FindingResult::ok || !seen.depth_is_metric) return;
+  const double ratio = seen.extrinsic->agreement->scale;
+  agreement.seen += fmt::format("; ranges are {:.2f} times the depth", ratio);
+  if (ratio > 0.8 && ratio < 1.25) return;
+  const bool feet = std::abs(ratio / 3.2808 - 1) < 0.1;
+  agreement.result = feet ? FindingResult::problem : FindingResult::warning;
+  agreement.code = feet ? "cloud_unit" : "depth_scale";
+  agreement.cause = feet ? "the cloud's points look like feet" : "depth is of another scale than the cloud";
+  agreement.remedy = feet ? "let the driver publish metres, as sensor_msgs/PointCloud2 has it"
+                     : seen.depth_source == "stereo" ? "correct the baseline or the focal length"
+                                                     : "correct the unit of depth";
+}
+
+Finding judge_extrinsic(const PairSeen& seen, const std::vector<Finding>& findings) {
+  if (!seen.extrinsic) return not_checked("extrinsic", "there is no pair of an image and a cloud");
+  if (has_problem(findings, {"image_size", "cloud_range"}))
+    return not_checked("extrinsic", "something else is to be put right first");
+  const ExtrinsicOpinion& opinion = *seen.extrinsic;
+  std::string what = fmt::format("{} points in the image, camera {}", opinion.points_in_view,
+                                 opinion.upright ? "upright" : "on its side");
+  if (opinion.plausible() || (swapped(seen) && !opinion.sees_nothing)) return fine("extrinsic", what);
+  if (!opinion.likely)
+    return problem("extrinsic", "extrinsic_out_of_view", what, "the camera looks where the cloud has no points",
+                   "correct T_camera_lidar: it maps points of the LiDAR into the camera's optical frame");
+  if (opinion.likely_agreement)
+    what += fmt::format("; rank correlation with depth {}, read otherwise {:.2f}",
+                        opinion.agreement ? fmt::format("{:.2f}", opinion.agreement->rank_correlation) : "none",
+                        opinion.likely_agreement->rank_correlation);
+  const auto q = quaternion_xyzw(opinion.likely->T_camera_lidar);
+  const auto t = translation_m(opinion.likely->T_camera_lidar);
+  return problem("extrinsic", "extrinsic_" + std::string(opinion.likely->code), what,
+                 "T_camera_lidar is wrong: " + std::string(opinion.likely->words),
+                 fmt::format("if so, write translation_m: [{:.4f}, {:.4f}, {:.4f}] and quaternion_xyzw: [{:.6f}, "
+                             "{:.6f}, {:.6f}, {:.6f}]",
+                             t[0], t[1], t[2], q[0], q[1], q[2], q[3]));
+}
+
+}  // namespace
+
+void diagnose_geometry(const PairSeen& seen, std::vector<Finding>& findings) {
+  findings.push_back(judge_image_size(seen));
+  findings.push_back(judge_lens(seen));
+  findings.push_back(judge_cloud_range(seen));
+  findings.push_back(judge_scene(seen));
+  findings.push_back(judge_depth(seen));
+  findings.push_back(judge_extrinsic(seen, findings));
+  findings.push_back(judge_agreement(seen, findings));
+  judge_scale(seen, findings.back());
+}
+
+}  // namespace calib

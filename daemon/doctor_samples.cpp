@@ -1,0 +1,206 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <numeric>
+#include <utility>
+
+#include "doctor.hpp"
+
+namespace calib {
+namespace {
+
+using std::chrono::nanoseconds;
+
+double seconds(nanoseconds time) { return std::chrono::duration<double>(time).count(); }
+
+std::string duration_words(nanoseconds time) {
+  const double s = std::abs(seconds(time));
+  if (s < 120) return fmt::format("{:.1f} s", s);
+  if (s < 2 * 3600) return fmt::format("{:.0f} min", s / 60);
+  if (s < 2 * 86400) return fmt::format("{:.0f} h", s / 3600);
+  if (s < 730.0 * 86400) return fmt::format("{:.0f} days", s / 86400);
+  return fmt::format("{:.0f} years", s / 86400 / 365.25);
+}
+
+std::string counted(std::uint64_t count, std::string_view noun) {
+  return fmt::format("{} {}{}", count, noun, count == 1 ? "" : "s");
+}
+
+std::string short_name(std::string_view name) {
+  constexpr std::size_t longest = 80;
+  return name.size() <= longest ? std::string(name) : std::string(name.substr(0, longest)) + "...";
+}
+
+/// Levenshtein's, of names as they are shown.
+std::size_t edit_distance(const std::string& a, const std::string& b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  std::iota(row.begin(), row.end(), std::size_t{0});
+  for (std::size_t i = 1; i <= a.size(); ++i) {
+    std::size_t diagonal = std::exchange(row[0], i);
+    for (std::size_t j = 1; j <= b.size(); ++j) {
+      const std::size_t replaced = diagonal + (a[i - 1] == b[j - 1] ? 0 : 1);
+      diagonal = row[j];
+      row[j] = std::min({replaced, row[j] + 1, row[j - 1] + 1});
+    }
+  }
+  return row.back();
+}
+
+/// The published topic of the wanted type that nobody has configured and whose name is nearest; of names that are as
+/// near, the first.
+const RemoteWriter* probably_meant(const PairSeen& seen, const TopicSeen& topic) {
+  const RemoteWriter* nearest = nullptr;
+  std::size_t least = 0;
+  for (const RemoteWriter& writer : seen.writers) {
+    if (writer.type != topic.type || !writer.obstacle.empty() || seen.claimed_topics.contains(writer.topic)) continue;
+    const std::size_t distance = edit_distance(short_name(writer.topic), short_name(topic.topic));
+    if (nearest != nullptr && distance >= least) continue;
+    nearest = &writer, least = distance;
+  }
+  return nearest;
+}
+
+Finding problem(const std::string& check, std::string code, std::string what, std::string cause, std::string remedy) {
+  return {check, FindingResult::problem, std::move(code), std::move(what), std::move(cause), std::move(remedy)};
+}
+
+Finding nobody_publishes(const PairSeen& seen, const TopicSeen& topic) {
+  if (const RemoteWriter* meant = probably_meant(seen, topic))
+    return problem(topic.check, "wrong_topic", "nobody publishes " + topic.topic,
+                   fmt::format("the topic is probably {}, which carries {} and is not configured anywhere",
+                               short_name(meant->topic), topic.type),
+                   fmt::format("write {} as {}", short_name(meant->topic), topic.key));
+  if (seen.writers.empty())
+    return problem(
+        topic.check, "nobody_heard", "nobody publishes " + topic.topic,
+        fmt::format("no other DDS program at all is heard in domain {} on interface {}", seen.domain, seen.interface),
+        "compare dds.domain with the vehicle's ROS_DOMAIN_ID and dds.interface with the network that its "
+        "sensors are on; is multicast let through?");
+  return problem(topic.check, "no_publisher", "nobody publishes " + topic.topic,
+                 fmt::format("its driver does not run, or publishes {} under a name that another setting uses already",
+                             topic.type),
+                 fmt::format("start the driver, or write the right topic as {}", topic.key));
+}
+
+Finding another_type(const PairSeen& seen, const TopicSeen& topic, const RemoteWriter& writer) {
+  const std::string what =
+      fmt::format("{} carries {}, and {} is read from it", topic.topic, short_name(writer.type), topic.type);
+  const bool compressed = writer.type == "sensor_msgs/msg/CompressedImage";
+  std::string remedy = compressed ? "publish it under a name that ends in /compressed: by that calibd knows them"
+                                  : "write a topic of " + topic.type + " as " + topic.key;
+  if (const RemoteWriter* meant = probably_meant(seen, topic))
+    remedy = fmt::format("write {} as {}, it carries {}", short_name(meant->topic), topic.key, topic.type);
+  return problem(topic.check, "wrong_type", what, "it is the topic of something else", std::move(remedy));
+}
+
+Finding nothing_usable(const TopicSeen& topic, const PairSeen& seen) {
+  if (topic.malformed.empty())
+    return problem(
+        topic.check, "silent",
+        fmt::format("{} has a publisher, and nothing came in {}", topic.topic, duration_words(seen.listened)),
+        "the driver waits for its sensor, or the samples are lost on the way: they are large, and the "
+        "kernel's receive buffer is small",
+        "look at the driver's own messages, and at net.core.rmem_max (calibd's package sets it)");
+  const auto& [code, count] =
+      *std::ranges::max_element(topic.malformed, {}, [](const auto& each) { return each.second; });
+  return problem(topic.check, code,
+                 fmt::format("{} cannot be used: {}", counted(count, "message"), topic.malformed_context),
+                 "the driver publishes what is outside its message's own bounds, or what calibd does not read",
+                 "correct the driver's settings; the bounds are in calibd's documentation");
+}
+
+Finding judge_topic(const PairSeen& seen, const TopicSeen& topic) {
+  std::vector<const RemoteWriter*> fitting, others;
+  for (const RemoteWriter& writer : seen.writers)
+    if (writer.topic == topic.topic) (writer.type == topic.type ? fitting : others).push_back(&writer);
+  if (!topic.configured && fitting.empty() && topic.messages == 0)
+    return {topic.check, FindingResult::not_checked, {}, "nobody publishes " + topic.topic, {}, {}};
+  // Samples may come from a writer that has just gone.
+  if (topic.messages == 0 && fitting.empty())
+    return others.empty() ? nobody_publishes(seen, topic) : another_type(seen, topic, *others.front());
+  const auto blocked = std::ranges::find_if(fitting, [](const auto* writer) { return !writer->obstacle.empty(); });
+  if (topic.messages == 0 && blocked != fitting.end())
+    return problem(topic.check, "qos_mismatch", fmt::format("{} is published, and cannot be read", topic.topic),
+                   (*blocked)->obstacle, "change the publisher's quality of service; ROS 2's sensor data profile fits");
+  if (topic.messages == 0) return nothing_usable(topic, seen);
+
+  Finding finding{topic.check, FindingResult::ok, {}, {}, {}, {}};
+  finding.seen =
+      fmt::format("{}: {} in {}", topic.topic, counted(topic.messages, "message"), duration_words(seen.listened));
+  if (!topic.malformed.empty()) {
+    finding.result = FindingResult::warning;
+    finding.code = topic.malformed.begin()->first;
+    finding.seen += "; others cannot be used: " + topic.malformed_context;
+    finding.cause = "not everybody who publishes it keeps to the message's bounds";
+    finding.remedy = "correct the driver's settings, or see who else publishes this topic";
+  } else if (fitting.size() > 1) {
+    finding.result = FindingResult::warning;
+    finding.code = "several_publishers";
+    finding.seen += fmt::format(" of {} publishers", fitting.size());
+    finding.cause = "two drivers, or a driver and a replay, publish the same topic";
+    finding.remedy = "end all but one of them";
+  }
+  return finding;
+}
+
+bool counts_for_clocks(const TopicSeen& topic) { return topic.age.has_value() && topic.check != "camera_info"; }
+
+/// How far a message's stamp may be from its arrival: exposure, readout, transport and a busy computer.
+bool is_off(nanoseconds age) { return age > std::chrono::seconds(2) || age < -std::chrono::milliseconds(500); }
+
+std::string age_words(const TopicSeen& topic) {
+  return fmt::format("{} is stamped {} {} calibd's clock", topic.topic, duration_words(*topic.age),
+                     *topic.age < nanoseconds(0) ? "ahead of" : "behind");
+}
+
+Finding judge_clock(const PairSeen& seen) {
+  std::vector<const TopicSeen*> timed, off;
+  for (const TopicSeen& topic : seen.topics)
+    if (counts_for_clocks(topic)) timed.push_back(&topic);
+  if (timed.empty()) return {"clock", FindingResult::not_checked, {}, "no stamp was seen", {}, {}};
+  for (const TopicSeen* topic : timed) {
+    if (topic->messages >= 3 && topic->repeated_stamps + 1 >= topic->messages)
+      return problem("clock", "stamps_stand_still",
+                     fmt::format("{} messages of {} have one stamp", topic->messages, topic->topic),
+                     "the driver does not set header.stamp anew for each message",
+                     "let the driver stamp each message with the time of its measurement");
+    if (is_off(*topic->age)) off.push_back(topic);
+  }
+  std::string what;
+  for (const TopicSeen* topic : timed) what += (what.empty() ? "" : ", ") + age_words(*topic);
+  if (off.empty()) return {"clock", FindingResult::ok, {}, what, {}, {}};
+  const bool ahead = *off.front()->age < nanoseconds(0);
+  const auto far_apart = [&](const TopicSeen* topic) { return is_off(*topic->age - *off.front()->age); };
+  const bool alike = off.size() == timed.size() && std::ranges::none_of(timed, far_apart);
+  if (alike && timed.size() > 1)
+    return problem("clock", ahead ? "clock_ahead" : "stale_clock", what,
+                   "recorded or simulated data is played, or the clock of this computer is not set",
+                   "set the clocks by NTP or PTP; with recorded data nothing is to be done, but pairs are dated by it");
+  return problem("clock", ahead ? "clock_ahead" : "stale_clock", what,
+                 fmt::format("the clock behind {} is not synchronised with the others", off.front()->topic),
+                 "synchronise the sensor's clock (PTP, GPS), or let its driver stamp with the computer's clock");
+}
+
+Finding judge_pairing(const PairSeen& seen, const std::vector<Finding>& findings) {
+  if (seen.time_difference)
+    return {
+        "pairing", FindingResult::ok,
+        {},        fmt::format("image and cloud are {:.1f} ms apart", std::abs(seconds(*seen.time_difference)) * 1000),
+        {},        {}};
+  if (has_problem(findings, {"image", "right_image", "cloud", "depth_topic", "clock"}))
+    return {"pairing", FindingResult::not_checked, {}, "an image, its depth or a cloud is missing, or their stamps", {},
+            {}};
+  const Error& error = seen.time_difference.error();
+  return problem("pairing", error.code, error.context, "the sensors are not triggered together, or one stamps late",
+                 "synchronise the sensors, or raise sampling.max_time_difference if the vehicle is slow enough for it");
+}
+
+}  // namespace
+
+void diagnose_samples(const PairSeen& seen, std::vector<Finding>& findings) {
+  for (const TopicSeen& topic : seen.topics) findings.push_back(judge_topic(seen, topic));
+  findings.push_back(judge_clock(seen));
+  findings.push_back(judge_pairing(seen, findings));
+}
+
+}  // namespace calib

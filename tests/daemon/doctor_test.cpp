@@ -1,0 +1,311 @@
+#include "doctor.hpp"
+
+#include <algorithm>
+#include <functional>
+#include <nlohmann/json.hpp>
+
+#include "support/catch.hpp"
+#include "support/support.hpp"
+
+using namespace calib;
+using namespace std::chrono_literals;
+using test::require_ok;
+
+namespace {
+
+const std::string image_type_name = "sensor_msgs/msg/Image", cloud_type_name = "sensor_msgs/msg/PointCloud2";
+
+TopicSeen topic(const std::string& check, const std::string& key, const std::string& name, const std::string& type) {
+  TopicSeen seen{.check = check, .key = key, .topic = name, .type = type};
+  seen.messages = 20;
+  seen.age = 30ms;
+  return seen;
+}
+
+/// A stereo pair with which all is well.
+PairSeen healthy() {
+  PairSeen seen{.camera = require_ok(Camera::make(CameraModel::rectified, 640, 192, {370, 370, 320, 90}))};
+  seen.pair = "front";
+  seen.depth_source = "stereo";
+  seen.depth_is_metric = true;
+  seen.interface = "lo";
+  seen.listened = 2s;
+  seen.topics = {topic("image", "camera.image", "/left/image", image_type_name),
+                 topic("right_image", "depth.right_image", "/right/image", image_type_name),
+                 topic("cloud", "lidar.cloud", "/points", cloud_type_name),
+                 topic("camera_info", "camera.info", "/left/camera_info", "sensor_msgs/msg/CameraInfo")};
+  for (const TopicSeen& each : seen.topics) {
+    seen.claimed_topics.insert(each.topic);
+    seen.writers.push_back({each.topic, each.type, true, ""});
+  }
+  seen.image = ImageSize{640, 192};
+  seen.camera_info = CameraInfo{.stamp = {},
+                                .width = 640,
+                                .height = 192,
+                                .model = CameraModel::plumb_bob,
+                                .K = {370, 0, 320, 0, 370, 90, 0, 0, 1},
+                                .D = {0, 0, 0, 0, 0},
+                                .P = {370, 0, 320, 0, 0, 370, 90, 0, 0, 0, 1, 0}};
+  seen.cloud = CloudCensus{60000, 100, 0, 0, 11.5};
+  seen.time_difference = std::chrono::nanoseconds(2ms);
+  seen.depth = DepthTrial{0.6, {}};
+  seen.min_valid_depth = 0.15;
+  seen.extrinsic = ExtrinsicOpinion{.points_in_view = 20000,
+                                    .sees_nothing = false,
+                                    .upright = true,
+                                    .agreement = DepthAgreement{0.9, 1.02, 15000},
+                                    .likely = {},
+                                    .likely_agreement = {}};
+  return seen;
+}
+
+TopicSeen& find(PairSeen& seen, const std::string& check) {
+  return *std::ranges::find(seen.topics, check, &TopicSeen::check);
+}
+
+void silence(PairSeen& seen, const std::string& check) {
+  TopicSeen& silent = find(seen, check);
+  std::erase_if(seen.writers, [&](const RemoteWriter& writer) { return writer.topic == silent.topic; });
+  silent.messages = 0;
+  silent.age = {};
+  seen.time_difference = fail("sensor_silent", "nothing came");
+}
+
+/// "check/code" of every problem.
+std::vector<std::string> problems(const PairSeen& seen) {
+  std::vector<std::string> found;
+  for (const Finding& finding : diagnose(seen)) {
+    if (finding.result != FindingResult::problem) continue;
+    found.push_back(finding.check + "/" + finding.code);
+    CHECK_FALSE(finding.cause.empty());
+    CHECK_FALSE(finding.remedy.empty());
+  }
+  return found;
+}
+
+Finding finding(const PairSeen& seen, const std::string& check) {
+  const auto findings = diagnose(seen);
+  return *std::ranges::find(findings, check, &Finding::check);
+}
+
+bool holds(const std::string& text, const std::string& part) { return text.find(part) != std::string::npos; }
+
+using Names = std::vector<std::string>;
+
+}  // namespace
+
+TEST_CASE("with a healthy pair every check is ok") {
+  for (const Finding& finding : diagnose(healthy())) {
+    INFO(finding.check << ": " << finding.seen);
+    CHECK(finding.result == FindingResult::ok);
+    CHECK(finding.code.empty());
+    CHECK_FALSE(finding.seen.empty());
+  }
+}
+
+TEST_CASE("a topic that nobody publishes is put down to a misspelling when a likely one is free") {
+  PairSeen seen = healthy();
+  silence(seen, "cloud");
+  CHECK(problems(seen) == Names{"cloud/no_publisher"});
+  seen.writers.push_back({"/lidar/points", cloud_type_name, false, ""});
+  seen.writers.push_back({"/points_raw", cloud_type_name, false, ""});
+  seen.writers.push_back({"/pointz", "std_msgs/msg/String", false, ""});
+  CHECK(problems(seen) == Names{"cloud/wrong_topic"});
+  CHECK(holds(finding(seen, "cloud").remedy, "/points_raw as lidar.cloud"));
+  CHECK(finding(seen, "pairing").result == FindingResult::not_checked);
+  seen.claimed_topics = {"/lidar/points", "/points_raw"};
+  CHECK(problems(seen) == Names{"cloud/no_publisher"});
+  seen.writers.clear();
+  CHECK(finding(seen, "cloud").code == "nobody_heard");
+}
+
+TEST_CASE("a topic of another type, of an unreadable publisher, silent or malformed is told apart") {
+  PairSeen seen = healthy();
+  silence(seen, "image");
+  seen.writers.push_back({"/left/image", cloud_type_name, true, ""});
+  CHECK(problems(seen) == Names{"image/wrong_type"});
+  CHECK(holds(finding(seen, "image").seen, cloud_type_name));
+  seen.writers.back() = {"/left/image", "sensor_msgs/msg/CompressedImage", true, ""};
+  CHECK(holds(finding(seen, "image").remedy, "/compressed"));
+  seen.writers.back() = {"/left/image", image_type_name, true, "it publishes in the DDS partition 'night' only"};
+  CHECK(problems(seen) == Names{"image/qos_mismatch"});
+  seen.writers.back().obstacle.clear();
+  CHECK(problems(seen) == Names{"image/silent"});
+  find(seen, "image").malformed["malformed:encoding"] = 4;
+  find(seen, "image").malformed_context = "encoding 'jpeg2000' is not supported";
+  CHECK(problems(seen) == Names{"image/malformed:encoding"});
+  find(seen, "image").messages = 3;
+  CHECK(finding(seen, "image").result == FindingResult::warning);
+}
+
+TEST_CASE("two publishers of one topic are a warning") {
+  PairSeen seen = healthy();
+  seen.writers.push_back(seen.writers.front());
+  CHECK(problems(seen).empty());
+  CHECK(finding(seen, "image").code == "several_publishers");
+}
+
+TEST_CASE("a clock that is off is named, alone or with all others") {
+  PairSeen seen = healthy();
+  find(seen, "cloud").age = 61s;
+  seen.time_difference = fail("time_difference", "61 s apart");
+  CHECK(problems(seen) == Names{"clock/stale_clock"});
+  CHECK(holds(finding(seen, "clock").cause, "/points is not synchronised"));
+  find(seen, "cloud").age = -5s;
+  CHECK(problems(seen) == Names{"clock/clock_ahead"});
+  for (TopicSeen& each : seen.topics) each.age = 24h * 400;
+  CHECK(problems(seen) == Names{"clock/stale_clock"});
+  CHECK(holds(finding(seen, "clock").cause, "recorded"));
+  CHECK(holds(finding(seen, "clock").seen, "400 days behind"));
+  seen = healthy();
+  find(seen, "image").repeated_stamps = 19;
+  CHECK(problems(seen) == Names{"clock/stamps_stand_still"});
+}
+
+TEST_CASE("samples that never belong together are a problem of pairing") {
+  PairSeen seen = healthy();
+  seen.time_difference = fail("time_difference", "image and point cloud are at least 80 ms apart");
+  CHECK(problems(seen) == Names{"pairing/time_difference"});
+  seen.time_difference = fail("right_image_missing", "no right image has the stamp of a left one");
+  CHECK(problems(seen) == Names{"pairing/right_image_missing"});
+}
+
+TEST_CASE("an image of another size is named, and whether it is scaled") {
+  PairSeen seen = healthy();
+  seen.image = ImageSize{320, 96};
+  CHECK(problems(seen) == Names{"image_size/image_size_mismatch"});
+  CHECK(holds(finding(seen, "image_size").cause, "scaled by 0.5"));
+  CHECK(holds(finding(seen, "image_size").remedy, "[320, 96]"));
+  seen.image = ImageSize{640, 200};
+  CHECK_FALSE(holds(finding(seen, "image_size").cause, "scaled"));
+}
+
+TEST_CASE("a lens that CameraInfo contradicts is named") {
+  PairSeen seen = healthy();
+  seen.camera = require_ok(Camera::make(CameraModel::equidistant, 640, 192, {370, 370, 320, 90}, {0, 0, 0, 0}));
+  CHECK(problems(seen) == Names{"lens/wrong_lens_model"});
+  CHECK(holds(finding(seen, "lens").remedy, "rectified"));
+  seen.camera_info->D = {-0.3, 0.1, 0, 0, 0};
+  CHECK(holds(finding(seen, "lens").remedy, "model: plumb_bob"));
+  seen = healthy();
+  seen.camera_info->P[0] = 400;
+  CHECK(problems(seen) == Names{"lens/intrinsics_mismatch"});
+  seen = healthy();
+  seen.camera_info->width = 1280;
+  CHECK(problems(seen) == Names{"lens/camera_info_mismatch"});
+  seen.camera_info = {};
+  CHECK(finding(seen, "lens").result == FindingResult::not_checked);
+}
+
+TEST_CASE("raw images under a rectified lens are a problem when depth says so, else a warning by their name") {
+  PairSeen seen = healthy();
+  seen.camera_info->D = {-0.3, 0.1, 0, 0, 0};
+  CHECK(finding(seen, "lens").result == FindingResult::warning);
+  seen.told_lens = DepthAgreement{0.97, 1, 15000};
+  CHECK(problems(seen) == Names{"lens/wrong_lens_model"});
+  seen.told_lens = DepthAgreement{0.7, 1, 15000};
+  find(seen, "image").topic = "/left/image_rect";
+  seen.writers.front().topic = "/left/image_rect";
+  CHECK(finding(seen, "lens").result == FindingResult::ok);
+}
+
+TEST_CASE("a cloud in another unit is named by its ranges, or by metric depth") {
+  PairSeen seen = healthy();
+  const auto unit = [&](double median_range, std::uint64_t too_far) {
+    seen.cloud = CloudCensus{60000, 100, 0, too_far, median_range};
+    CHECK(problems(seen) == Names{"cloud_range/cloud_unit"});
+    return finding(seen, "cloud_range").cause;
+  };
+  CHECK(holds(unit(11500, 59000), "millimetres"));
+  CHECK(holds(unit(1150, 52000), "centimetres"));
+  CHECK(holds(unit(0.0115, 0), "kilometres"));
+  seen = healthy();
+  seen.extrinsic->agreement->scale = 3.3;
+  CHECK(problems(seen) == Names{"agreement/cloud_unit"});
+  CHECK(holds(finding(seen, "agreement").cause, "feet"));
+  seen.extrinsic->agreement->scale = 1.6;
+  CHECK(finding(seen, "agreement").code == "depth_scale");
+  seen.depth_is_metric = false;
+  CHECK(finding(seen, "agreement").result == FindingResult::ok);
+  seen.cloud = CloudCensus{60000, 1000, 59000, 0, 0};
+  CHECK(problems(seen) == Names{"cloud_range/empty_cloud"});
+}
+
+TEST_CASE("ordinary clouds, of a car park or of a motorway, are metres") {
+  PairSeen seen = healthy();
+  for (const double median_range : {2.0, 5.0, 30.0, 90.0}) {
+    seen.cloud = CloudCensus{60000, 100, 5000, 0, median_range};
+    CHECK(problems(seen).empty());
+  }
+}
+
+TEST_CASE("stereo images that are exchanged are named") {
+  PairSeen seen = healthy();
+  seen.depth = DepthTrial{0.08, {}};
+  seen.extrinsic->agreement = DepthAgreement{0.1, 0.4, 500};
+  CHECK(problems(seen) == Names{"depth/few_valid_depth"});
+  seen.swapped = DepthTrial{0.6, DepthAgreement{0.9, 1, 15000}};
+  CHECK(problems(seen) == Names{"depth/stereo_swapped"});
+}
+
+TEST_CASE("an extrinsic that reads better otherwise is named with what it should be") {
+  PairSeen seen = healthy();
+  seen.extrinsic->agreement = DepthAgreement{0.1, 1, 500};
+  seen.extrinsic->likely = ExtrinsicReading{"inverse", "it looks like the inverse", RigidTransform::Identity()};
+  seen.extrinsic->likely_agreement = DepthAgreement{0.9, 1, 15000};
+  CHECK(problems(seen) == Names{"extrinsic/extrinsic_inverse"});
+  CHECK(holds(finding(seen, "extrinsic").remedy, "quaternion_xyzw: [0.000000, 0.000000, 0.000000, 1.000000]"));
+  seen.extrinsic->likely = {};
+  seen.extrinsic->sees_nothing = true;
+  CHECK(problems(seen) == Names{"extrinsic/extrinsic_out_of_view"});
+}
+
+TEST_CASE("depth that is inverted, unrelated, weak, of another lens or failed is told apart") {
+  PairSeen seen = healthy();
+  seen.depth_source = "onnx";
+  seen.depth_is_metric = false;
+  const auto with = [&](double correlation) {
+    seen.extrinsic->agreement->rank_correlation = correlation;
+    return finding(seen, "agreement");
+  };
+  CHECK(with(-0.85).code == "depth_inverted");
+  CHECK(holds(with(-0.85).remedy, "semantics"));
+  CHECK(with(0.05).code == "depth_unrelated");
+  CHECK(with(0.4).result == FindingResult::warning);
+  seen.told_lens = DepthAgreement{0.9, 1, 15000};
+  CHECK(with(0.2).code == "wrong_lens_model");
+  seen.depth = fail("depth_failed", "the model is not the one that was pinned");
+  CHECK(problems(seen) == Names{"depth/depth_failed"});
+  CHECK(with(0.2).result == FindingResult::not_checked);
+}
+
+TEST_CASE("a dark scene is a warning") {
+  PairSeen seen = healthy();
+  seen.scene = Error{"dark", "mean grey is 4.00, the limit is 20.00"};
+  CHECK(problems(seen).empty());
+  CHECK(finding(seen, "scene").code == "dark");
+}
+
+TEST_CASE("a pair of which nothing was seen has problems, and nothing about it is ok") {
+  PairSeen seen = healthy();
+  for (const char* check : {"image", "right_image", "cloud", "camera_info"}) silence(seen, check);
+  seen.image = {}, seen.camera_info = {}, seen.cloud = {}, seen.extrinsic = {};
+  seen.depth = fail("no_pair", "there is no pair of samples to compute it from");
+  for (const Finding& finding : diagnose(seen)) CHECK(finding.result != FindingResult::ok);
+  CHECK(problems(seen) ==
+        Names{"image/nobody_heard", "right_image/nobody_heard", "cloud/nobody_heard", "camera_info/nobody_heard"});
+}
+
+TEST_CASE("names from outside are bounded, and escaped in JSON") {
+  PairSeen seen = healthy();
+  silence(seen, "cloud");
+  seen.writers.push_back({"dds:" + std::string(5000, 'x') + "\x1b[31m", cloud_type_name, true, ""});
+  seen.writers.push_back({"/points", "\x1b[31mtype", true, ""});
+  const auto json = to_json(finding(seen, "cloud"), "front");
+  CHECK(json["code"] == "wrong_type");
+  CHECK(json["check"] == "cloud");
+  CHECK(json["pair"] == "front");
+  CHECK(json.dump().find("\\u001b") == std::string::npos);
+  CHECK(json.dump().size() < 1000);
+  CHECK_FALSE(to_json(finding(seen, "image"), "front").contains("code"));
+}
