@@ -53,6 +53,14 @@ Exit recalibrate(const Places& places, const std::string& pair, bool dry_run);
 Exit accept(const Places& places, const std::string& pair);
 Exit roll_back(const Places& places, const std::string& pair, std::optional<std::uint64_t> to);
 
+struct DoctorOptions {
+  std::string pair;  // all when empty
+  bool json = false;
+  std::filesystem::path overlay_dir;  // pictures stay where calibd writes them when empty
+};
+/// Lets calibd examine itself and its sensors.
+Exit doctor(const Places& places, const DoctorOptions& options);
+
 Exit check_config(const std::filesystem::path& file);
 Exit keygen(const std::filesystem::path& file);
 

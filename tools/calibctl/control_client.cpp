@@ -8,6 +8,7 @@
 #include <array>
 #include <cerrno>
 #include <cstring>
+#include <iostream>
 #include <utility>
 
 namespace calib::ctl {
@@ -94,6 +95,14 @@ Result<nlohmann::json> ask(const std::filesystem::path& path, const nlohmann::js
       !reply["message"].is_string())
     return fail("malformed_reply", "calibd refused without saying why");
   return fail(reply["code"].get<std::string>(), reply["message"].get<std::string>());
+}
+
+void show_waiting(std::chrono::seconds waited) {
+  if (::isatty(STDERR_FILENO) == 1) std::cerr << "\rwaiting for calibd, " << waited.count() << " s " << std::flush;
+}
+
+void clear_waiting() {
+  if (::isatty(STDERR_FILENO) == 1) std::cerr << "\r\x1b[K" << std::flush;
 }
 
 }  // namespace calib::ctl

@@ -16,4 +16,8 @@ namespace calib::ctl {
                                          std::chrono::seconds patience,
                                          const std::function<void(std::chrono::seconds)>& waiting);
 
+/// For `waiting`: a line on standard error that tells of it, where that is a terminal; and away with it.
+void show_waiting(std::chrono::seconds waited);
+void clear_waiting();
+
 }  // namespace calib::ctl

@@ -41,6 +41,7 @@ struct CommandLine {
   Places places = default_places();
   StatusOptions status;
   ShowOptions show;
+  DoctorOptions doctor;
   std::string pair;
   bool dry_run = false;
   std::optional<std::uint64_t> roll_back_to;
@@ -58,6 +59,7 @@ struct CommandLine {
   }
   void add_records();
   void add_requests();
+  void add_doctor();
 };
 
 CommandLine::CommandLine() {
@@ -76,6 +78,7 @@ CommandLine::CommandLine() {
   ask_status->add_flag("--exit-code", status.exit_code, "Exit with 4 unless every pair is calibrated");
   add_records();
   add_requests();
+  add_doctor();
 
   auto* const check =
       subcommand("check-config", "Let calibd read a configuration and say what is wrong with it",
@@ -84,6 +87,14 @@ CommandLine::CommandLine() {
   auto* const make_key =
       subcommand("keygen", "Make a signing key and its public key", [this] { return keygen(key_file); });
   make_key->add_option("--out", key_file, "Secret key; the public key gets the extension .pub")->required();
+}
+
+void CommandLine::add_doctor() {
+  auto* const examine = subcommand("doctor", "Let calibd examine its sensors, clocks, calibration and depth",
+                                   [this] { return ctl::doctor(places, doctor); });
+  examine->add_option("PAIR", doctor.pair, "All pairs if not given");
+  examine->add_flag("--json", doctor.json, "As proto/control.md has it");
+  examine->add_option("--overlay", doctor.overlay_dir, "Copy the pictures into this folder");
 }
 
 void CommandLine::add_records() {

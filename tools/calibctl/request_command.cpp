@@ -1,5 +1,3 @@
-#include <unistd.h>
-
 #include <iostream>
 
 #include "commands.hpp"
@@ -12,15 +10,6 @@ namespace {
 using nlohmann::json;
 
 constexpr std::chrono::minutes recalibration_patience{10};
-
-void show_waiting(std::chrono::seconds waited) {
-  if (::isatty(STDERR_FILENO) == 1)
-    std::cerr << "\rwaiting for calibd, " << waited.count() << " s " << std::flush;
-}
-
-void clear_waiting() {
-  if (::isatty(STDERR_FILENO) == 1) std::cerr << "\r\x1b[K" << std::flush;
-}
 
 std::string score_words(const json& score, const char* before, const char* after) {
   return decimals(score.at(before).get<double>(), 5) + " before, " +

@@ -87,11 +87,6 @@ Exit exit_of(const Report& report, bool by_verdict) {
   return by_verdict && (!calibrated || report.status.pairs.empty()) ? Exit::no : Exit::done;
 }
 
-/// ASCII only, so that no text from outside steers a terminal.
-std::string json_text(const json& value, int indent) {
-  return value.dump(indent, ' ', /*ensure_ascii=*/true, json::error_handler_t::replace) + '\n';
-}
-
 std::string shown(const Result<Report>& report, const StatusOptions& options) {
   if (!report) return options.json ? "" : "calibctl: " + escape_control(report.error().context) + '\n';
   if (options.json) return json_text(report->raw, options.watch ? -1 : 2);

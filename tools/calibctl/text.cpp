@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <nlohmann/json.hpp>
 
 #include "calib/result.hpp"
 
@@ -94,6 +95,10 @@ std::string decimals(double value, int places) {
 std::string how_far(const RigidTransform& motion) {
   return decimals(rotation_angle_rad(motion) / radians_per_degree, 2) + " degrees and " +
          decimals(motion.translation().norm() * 100, 1) + " cm";
+}
+
+std::string json_text(const nlohmann::json& value, int indent) {
+  return value.dump(indent, ' ', /*ensure_ascii=*/true, nlohmann::json::error_handler_t::replace) + '\n';
 }
 
 std::string counted(std::uint64_t count, std::string_view noun) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <string_view>
 
@@ -34,6 +35,8 @@ class Text {
 [[nodiscard]] std::string decimals(double value, int places);
 /// `1.02 degrees and 3.1 cm`.
 [[nodiscard]] std::string how_far(const RigidTransform& motion);
+/// JSON and a newline; ASCII only, so that no text from outside steers a terminal.
+[[nodiscard]] std::string json_text(const nlohmann::json& value, int indent);
 /// `1 record`, `2 records`.
 [[nodiscard]] std::string counted(std::uint64_t count, std::string_view noun);
 

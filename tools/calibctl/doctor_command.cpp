@@ -1,0 +1,147 @@
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <iostream>
+
+#include "commands.hpp"
+#include "control_client.hpp"
+#include "text.hpp"
+
+namespace calib::ctl {
+namespace {
+
+using nlohmann::json;
+
+/// A pair is listened to for some seconds, and its depth computed several times.
+constexpr std::chrono::minutes examination_patience{10};
+
+struct Check {
+  std::string pair, check, result, seen, cause, remedy;
+};
+
+struct Overlay {
+  std::string pair, file;
+};
+
+struct Examination {
+  std::vector<Check> checks;
+  std::vector<Overlay> overlays;
+};
+
+/// In the order in which they matter.
+constexpr std::array<std::string_view, 4> results{"problem", "warning", "not_checked", "ok"};
+
+Result<Examination> understood(const json& reply) {
+  Examination examination;
+  try {
+    for (const json& check : reply.at("checks")) {
+      const auto words = [&](const char* key) { return check.value(key, std::string()); };
+      examination.checks.push_back({check.at("pair").get<std::string>(), check.at("check").get<std::string>(),
+                                    check.at("result").get<std::string>(), check.at("seen").get<std::string>(),
+                                    words("cause"), words("remedy")});
+    }
+    for (const json& overlay : reply.at("overlays"))
+      examination.overlays.push_back({overlay.at("pair").get<std::string>(), overlay.at("file").get<std::string>()});
+  } catch (const json::exception& error) {
+    return fail("malformed_reply", std::string("calibd answered in a form that is not understood: ") + error.what());
+  }
+  const bool known = std::ranges::all_of(
+      examination.checks, [](const Check& check) { return std::ranges::find(results, check.result) != results.end(); });
+  if (examination.checks.empty() || !known)
+    return fail("malformed_reply", "calibd answered with no check, or with a result that is not understood");
+  return examination;
+}
+
+std::size_t count(const Examination& examination, std::string_view result, std::string_view pair = "") {
+  return static_cast<std::size_t>(std::ranges::count_if(examination.checks, [&](const Check& check) {
+    return check.result == result && (pair.empty() || check.pair == pair);
+  }));
+}
+
+/// `cloud_range` is shown as `Cloud range`.
+std::string label_of(std::string name) {
+  std::ranges::replace(name, '_', ' ');
+  if (!name.empty()) name[0] = static_cast<char>(std::toupper(static_cast<unsigned char>(name[0])));
+  return name;
+}
+
+void check_lines(Text& text, const Check& check) {
+  const std::string result = check.result == "problem"       ? "PROBLEM"
+                             : check.result == "not_checked" ? "not checked"
+                                                             : check.result;
+  text.line(label_of(check.check), result + ": " + check.seen);
+  if (!check.cause.empty()) text.line("  likely cause", check.cause);
+  if (!check.remedy.empty()) text.line("  remedy", check.remedy);
+}
+
+void pair_lines(Text& text, const Examination& examination, const std::string& pair) {
+  text.line("Pair", pair);
+  text.line("Found", counted(count(examination, "problem", pair), "problem") + ", " +
+                         counted(count(examination, "warning", pair), "warning"));
+  for (const std::string_view result : results)
+    for (const Check& check : examination.checks)
+      if (check.pair == pair && check.result == result) check_lines(text, check);
+  for (const Overlay& overlay : examination.overlays)
+    if (overlay.pair == pair) text.line("Picture", overlay.file);
+}
+
+std::string examination_text(const Examination& examination) {
+  Text text(/*coloured=*/false);
+  std::vector<std::string> pairs;
+  for (const Check& check : examination.checks)
+    if (std::ranges::find(pairs, check.pair) == pairs.end()) pairs.push_back(check.pair);
+  for (const std::string& pair : pairs) {
+    if (pair != pairs.front()) text.blank();
+    pair_lines(text, examination, pair);
+  }
+  return text.str();
+}
+
+/// Copies the pictures out of calibd's own folder, and lets the answer name the copies.
+Result<void> take_overlays(json& reply, const std::filesystem::path& folder) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  for (json& overlay : reply["overlays"]) {
+    const std::filesystem::path from = overlay["file"].get<std::string>();
+    const std::filesystem::path to = folder / from.filename();
+    std::filesystem::copy_file(from, to, std::filesystem::copy_options::overwrite_existing, error);
+    if (error) return fail("failed", from.string() + " cannot be copied to " + to.string() + ": " + error.message());
+    overlay["file"] = to.string();
+  }
+  return {};
+}
+
+Error with_remedy(Error error) {
+  if (error.code == "daemon_not_running")
+    error.context +=
+        "; why, say: calibctl check-config /etc/calibd/calibd.yaml, systemctl status calibd, "
+        "journalctl -u calibd";
+  return error;
+}
+
+}  // namespace
+
+Exit doctor(const Places& places, const DoctorOptions& options) {
+  const json pair = options.pair.empty() ? json() : json(options.pair);
+  auto reply =
+      ask(places.socket, {{"schema", 1}, {"request", "doctor"}, {"pair", pair}}, examination_patience, show_waiting);
+  clear_waiting();
+  if (!reply) return complain(with_remedy(reply.error()));
+  auto examination = understood(*reply);
+  if (!examination) return complain(examination.error());
+  Result<void> taken;
+  if (!options.overlay_dir.empty()) {
+    taken = take_overlays(*reply, options.overlay_dir);
+    examination = understood(*reply);
+  }
+  std::cout << (options.json ? json_text(*reply, 2) : examination_text(*examination));
+  if (!taken) return complain(taken.error());
+  if (count(*examination, "problem") > 0) return Exit::failed;
+  // A pair of which nothing could be judged is not well.
+  const bool judged = std::ranges::all_of(examination->checks, [](const Check& check) {
+    return check.result != "not_checked" || (check.check != "agreement" && check.check != "extrinsic");
+  });
+  return judged ? Exit::done : Exit::no;
+}
+
+}  // namespace calib::ctl
