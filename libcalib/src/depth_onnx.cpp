@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <fstream>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
@@ -28,13 +27,14 @@ Result<Image> read_golden_image(const std::filesystem::path& file) {
   return Image{{}, rgb.cols, rgb.rows, {grey.datastart, grey.dataend}, {rgb.datastart, rgb.dataend}};
 }
 
-/// Nothing unless the file holds just so many numbers.
+/// Nothing unless the file holds just so many finite numbers.
 std::optional<std::vector<float>> read_floats(const std::filesystem::path& file, std::size_t count) {
   std::ifstream in(file, std::ios::binary);
   std::vector<float> values(count);
   const auto bytes = static_cast<std::streamsize>(count * sizeof(float));
-  if (!in.read(reinterpret_cast<char*>(values.data()), bytes) || in.get() != std::ifstream::traits_type::eof())
-    return std::nullopt;
+  const bool read = static_cast<bool>(in.read(reinterpret_cast<char*>(values.data()), bytes));
+  if (!read || in.get() != std::ifstream::traits_type::eof()) return std::nullopt;
+  if (!std::ranges::all_of(values, [](float value) { return std::isfinite(value); })) return std::nullopt;
   return values;
 }
 
@@ -46,14 +46,14 @@ Result<void> compare(const NetworkMap& map, const DepthModel& model) {
   const auto expected = read_floats(golden.output, map.values.size());
   if (!expected)
     return refuse(golden.output.string() + " does not hold the " + std::to_string(map.width) + " x " +
-                  std::to_string(map.height) + " 32-bit floats that " + model.file.string() + " makes of " +
+                  std::to_string(map.height) + " finite 32-bit floats that " + model.file.string() + " makes of " +
                   golden.image.string());
   const auto [least, greatest] = std::ranges::minmax(*expected);
   double difference = 0;
   for (std::size_t i = 0; i < expected->size(); ++i)
     difference = std::max(difference, std::abs(static_cast<double>(map.values[i]) - (*expected)[i]));
   const double share = difference / (static_cast<double>(greatest) - least);
-  if (share <= golden.tolerance) return {};  // false where a golden value is no number, or all are the same
+  if (share <= golden.tolerance) return {};  // false where all golden values are the same
   return refuse(model.file.string() + " makes of " + golden.image.string() + " what differs from " +
                 golden.output.string() + " by " + std::to_string(share) + " of its range, and " +
                 std::to_string(golden.tolerance) + " is tolerated; check input and output in " +
