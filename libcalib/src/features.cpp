@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -39,9 +40,40 @@ std::vector<float> equal_width_limits(std::vector<float> values) {
 
 using Limits = std::vector<float> (*)(std::vector<float>);
 
-std::uint8_t class_of(float value, const std::vector<float>& limits) {
-  return static_cast<std::uint8_t>(std::ranges::lower_bound(limits, value) - limits.begin());
-}
+/// Finds a value's class: that of the first limit which is not below it. A table over the bits of floats, which grow
+/// with the number, says where to begin to look.
+class Classifier {
+ public:
+  explicit Classifier(std::vector<float> limits) : limits_(std::move(limits)), first_(ordered(limits_.front())) {
+    const std::uint32_t span = ordered(limits_.back()) - first_;
+    while (span >> shift_ >= table_size) ++shift_;
+    std::uint8_t at = 0;
+    for (std::size_t entry = 0; entry < table_size; ++entry) {
+      while (at < limits_.size() && (ordered(limits_[at]) - first_) >> shift_ < entry) ++at;
+      begin_[entry] = at;
+    }
+  }
+
+  [[nodiscard]] std::uint8_t operator()(float value) const {
+    if (value <= limits_.front()) return 0;
+    const std::uint32_t entry = (ordered(value) - first_) >> shift_;
+    std::uint8_t at = begin_[std::min<std::uint32_t>(entry, table_size - 1)];
+    while (at < limits_.size() && limits_[at] < value) ++at;
+    return at;
+  }
+
+ private:
+  static constexpr std::uint32_t table_size = 2048;
+  static std::uint32_t ordered(float value) {
+    const auto bits = std::bit_cast<std::uint32_t>(value + 0.F);  // -0 is 0
+    return bits >> 31 != 0 ? ~bits : bits | 0x80000000U;
+  }
+
+  std::vector<float> limits_;
+  std::uint32_t first_;
+  int shift_ = 0;
+  std::array<std::uint8_t, table_size> begin_{};
+};
 
 /// Classes of the values (NaN: none) of a window, which is ranked by itself.
 void classify(const std::vector<float>& values, int width, const Window& window, Limits limits_of,
@@ -64,8 +96,8 @@ void classify(const std::vector<float>& values, int width, const Window& window,
     next += stride;
   });
   if (sample.size() < 64) return;  // too few to tell anything
-  const std::vector<float> limits = limits_of(std::move(sample));
-  each([&](std::size_t i) { plane[i] = class_of(values[i], limits); });
+  const Classifier class_of(limits_of(std::move(sample)));
+  each([&](std::size_t i) { plane[i] = class_of(values[i]); });
 }
 
 std::vector<std::uint8_t> classes(const std::vector<float>& values, const BearingGrid& grid, Limits limits_of,
@@ -89,8 +121,7 @@ std::vector<std::uint8_t> classes(const std::vector<float>& values, Limits limit
   if (values.empty()) return result;
   std::vector<float> sample;
   for (std::size_t i = 0; i < values.size(); i += values.size() / 16384 + 1) sample.push_back(values[i]);
-  const std::vector<float> limits = limits_of(std::move(sample));
-  std::ranges::transform(values, result.begin(), [&](float value) { return class_of(value, limits); });
+  std::ranges::transform(values, result.begin(), Classifier(limits_of(std::move(sample))));
   return result;
 }
 
@@ -217,7 +248,7 @@ void take_points(const LidarScan& scan, const RigidTransform& T_camera_lidar, co
   }
   rank_distance(viewpoint(T_camera_lidar, settings.bounds), features);
   features.reflectance_rank = classes(reflectance, equal_population_limits);
-  if (!settings.linear) return;
+  if (!settings.baselines) return;
   features.range_linear = classes(range, equal_width_limits);
   features.reflectance_linear = classes(reflectance, equal_width_limits);
 }
@@ -233,7 +264,7 @@ int points_on_depth(const FeatureSet& features, const RigidTransform& T_camera_l
     const double u = grid.fx * p.x() / denominator + grid.cx, v = grid.fy * p.y() / denominator + grid.cy;
     if (!(u >= 0 && v >= 0 && u <= grid.width - 1 && v <= grid.height - 1)) continue;
     const auto pixel = std::lround(v) * grid.width + std::lround(u);
-    count += features.planes->depth_rank[pixel] != FeatureSet::none;
+    count += FeaturePlanes::depth.rank(features.planes->packed[pixel]) != FeatureSet::none;
   }
   return count;
 }
@@ -285,8 +316,8 @@ std::size_t FeatureSet::memory_bytes() const {
     bytes += values->capacity();
   if (!planes) return bytes;
   bytes += sizeof *planes;
-  for (const auto* values :
-       {&planes->depth_rank, &planes->tile_depth_rank, &planes->grey_rank, &planes->depth_linear, &planes->grey_linear})
+  bytes += sizeof(std::uint16_t) * planes->packed.capacity();
+  for (const auto* values : {&planes->depth_linear, &planes->grey_linear, &planes->grey_rank})
     bytes += values->capacity();
   return bytes;
 }
@@ -324,12 +355,20 @@ Result<FeatureSet> make_features(const FramePair& pair, const DepthMap& depth, c
   FeaturePlanes planes;
   planes.grid = BearingGrid::of(camera);
   planes.max_angle_rad = camera.max_angle_rad();
-  const Resampled seen = resample(pair, depth, camera, planes.grid, settings.linear);
-  planes.depth_rank = classes(seen.distance, planes.grid, equal_population_limits);
-  planes.tile_depth_rank =
-      classes(seen.distance, planes.grid, equal_population_limits, FeatureSet::tile_columns, FeatureSet::tile_rows);
-  if (!seen.grey.empty()) planes.grey_rank = classes(seen.grey, planes.grid, equal_population_limits);
-  if (settings.linear) {
+  const Resampled seen = resample(pair, depth, camera, planes.grid, settings.baselines);
+  planes.packed.assign(planes.grid.pixels(), 0xFFFF);
+  const auto pack = [&](const PackedClass& where, const std::vector<std::uint8_t>& plane) {
+    for (std::size_t i = 0; i < plane.size(); ++i) planes.packed[i] = where.put(planes.packed[i], plane[i]);
+  };
+  pack(FeaturePlanes::depth, classes(seen.distance, planes.grid, equal_population_limits));
+  pack(FeaturePlanes::tile_depth,
+       classes(seen.distance, planes.grid, equal_population_limits, FeatureSet::tile_columns, FeatureSet::tile_rows));
+  if (!seen.grey.empty()) {
+    std::vector<std::uint8_t> grey = classes(seen.grey, planes.grid, equal_population_limits);
+    pack(FeaturePlanes::grey, grey);
+    if (settings.baselines) planes.grey_rank = std::move(grey);
+  }
+  if (settings.baselines) {
     planes.depth_linear = classes(seen.depth, planes.grid, equal_width_limits);
     if (!seen.grey.empty()) planes.grey_linear = classes(seen.grey, planes.grid, equal_width_limits);
   }

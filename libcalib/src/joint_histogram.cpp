@@ -6,7 +6,6 @@
 #define HWY_TARGET_INCLUDE "joint_histogram.cpp"
 #include <hwy/foreach_target.h>
 // After it, for each target anew.
-#include <hwy/cache_control.h>
 #include <hwy/contrib/math/math-inl.h>
 #include <hwy/highway.h>
 
@@ -121,25 +120,22 @@ void project(const FeatureSet& features, std::size_t first, std::size_t count, c
 
 namespace {
 template <bool tiled>
-void count_all(const Landed& landed, const std::uint8_t* row_ranks, const std::uint8_t* plane, const CountsShape& shape,
-               std::uint32_t* counts) {
-  constexpr std::size_t ahead = 48;  // a plane is larger than the nearest caches, and where it is read is no pattern
+void count_all(const Landed& landed, const std::uint8_t* row_ranks, const CountsShape shape, std::uint32_t* counts) {
   for (std::size_t i = 0; i < landed.count; ++i) {
-    hwy::Prefetch(plane + landed.pixel[std::min(i + ahead, landed.count - 1)]);
     int cell = row_ranks[landed.point[i]] >> shape.class_shift << shape.row_shift;
-    cell |= plane[landed.pixel[i]] >> shape.class_shift;
+    cell |= landed.value[i] >> shape.value_shift & shape.value_mask;
     if constexpr (tiled) cell |= landed.tile[i] << shape.table_shift;
     ++counts[cell];
   }
 }
 }  // namespace
 
-void count(const Landed& landed, const std::uint8_t* row_ranks, const std::uint8_t* plane, const CountsShape& shape,
-           bool tiled, std::uint32_t* counts) {
+void count(const Landed& landed, const std::uint8_t* row_ranks, const CountsShape& shape, bool tiled,
+           std::uint32_t* counts) {
   if (tiled)
-    count_all<true>(landed, row_ranks, plane, shape, counts);
+    count_all<true>(landed, row_ranks, shape, counts);
   else
-    count_all<false>(landed, row_ranks, plane, shape, counts);
+    count_all<false>(landed, row_ranks, shape, counts);
 }
 
 double sum_x_log_x(const double* values, std::size_t count) { return HWY_DYNAMIC_DISPATCH(SumXLogX)(values, count); }

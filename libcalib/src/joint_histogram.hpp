@@ -1,5 +1,8 @@
 #pragma once
 
+#include <hwy/cache_control.h>
+
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -15,12 +18,15 @@ struct Landed {
   alignas(64) std::array<std::int32_t, capacity + slack> point;  // counted from the block's first
   alignas(64) std::array<std::int32_t, capacity + slack> pixel;
   alignas(64) std::array<std::int32_t, capacity + slack> tile;
+  std::array<std::uint16_t, capacity> value;  // of the plane that was looked up last
 };
 
 /// Joint counts: rows are classes of the points' feature, columns of the pixels'. The last column takes the points that
 /// landed on no value. With tiles there is one such table per tile, one after the other.
 struct CountsShape {
-  int class_shift;  // a class is rank >> class_shift
+  int class_shift;  // a point's class is rank >> class_shift
+  int value_shift;  // a pixel's is value >> value_shift, less the bits that are not of it
+  int value_mask;
   int row_shift;    // log2 of a row's length
   int table_shift;  // log2 of a table's length
 };
@@ -37,9 +43,19 @@ namespace simd {
 void project(const FeatureSet& features, std::size_t first, std::size_t count, const Projection& projection,
              bool with_tiles, Landed& landed);
 
-/// Adds the landed points to `counts`; `row_ranks` are the ranks of the block's points, `plane` is a plane of the grid.
-void count(const Landed& landed, const std::uint8_t* row_ranks, const std::uint8_t* plane, const CountsShape& shape,
-           bool tiled, std::uint32_t* counts);
+/// Reads the values of the pixels that the points landed on.
+template <typename Value>
+void look_up(const Value* plane, Landed& landed) {
+  constexpr std::size_t ahead = 48;  // a plane is larger than the nearest caches, and where it is read is no pattern
+  for (std::size_t i = 0; i < landed.count; ++i) {
+    hwy::Prefetch(plane + landed.pixel[std::min(i + ahead, landed.count - 1)]);
+    landed.value[i] = plane[landed.pixel[i]];
+  }
+}
+
+/// Adds the points that were looked up to `counts`; `row_ranks` are the ranks of the block's points.
+void count(const Landed& landed, const std::uint8_t* row_ranks, const CountsShape& shape, bool tiled,
+           std::uint32_t* counts);
 
 /// Sum of x log x.
 double sum_x_log_x(const double* values, std::size_t count);

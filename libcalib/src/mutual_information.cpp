@@ -4,8 +4,6 @@
 #include <bit>
 #include <cassert>
 #include <cmath>
-#include <tuple>
-#include <utility>
 #include <vector>
 
 #include "joint_histogram.hpp"
@@ -14,24 +12,6 @@ namespace calib {
 namespace {
 
 using Ranks = std::vector<std::uint8_t>;
-
-/// The points' feature and the pixels'.
-std::pair<const Ranks*, const Ranks*> features_of(FeaturePair pair, const FeatureSet& frame) {
-  const FeaturePlanes& planes = *frame.planes;
-  switch (pair) {
-    case FeaturePair::depth:
-      break;
-    case FeaturePair::tiled_depth:
-      return {&frame.range_rank, &planes.tile_depth_rank};
-    case FeaturePair::intensity:
-      return {&frame.reflectance_rank, &planes.grey_rank};
-    case FeaturePair::linear_depth:
-      return {&frame.range_linear, &planes.depth_linear};
-    case FeaturePair::linear_intensity:
-      return {&frame.reflectance_linear, &planes.grey_linear};
-  }
-  return {&frame.range_rank, &planes.depth_rank};
-}
 
 /// A term, made out for one frame.
 struct Counting {
@@ -42,14 +22,50 @@ struct Counting {
     shape.row_shift = std::bit_width(static_cast<unsigned>(FeatureSet::none >> shape.class_shift));
     shape.table_shift = 2 * shape.row_shift;
     tables = tiled ? FeatureSet::tile_columns * FeatureSet::tile_rows : 1;
-    std::tie(rows, plane) = features_of(term.features, frame);
+    choose(term.features, frame);
   }
-  [[nodiscard]] bool possible() const { return !rows->empty() && !plane->empty(); }
+  [[nodiscard]] bool possible() const { return !rows->empty() && (packed != nullptr || !plane->empty()); }
 
   int classes, tables = 1;
   bool tiled;
   CountsShape shape{};
-  const Ranks *rows = nullptr, *plane = nullptr;
+  const Ranks* rows = nullptr;
+  /// The pixels' plane: one of both.
+  const std::vector<std::uint16_t>* packed = nullptr;
+  const Ranks* plane = nullptr;
+
+ private:
+  void choose(FeaturePair features, const FeatureSet& frame) {
+    const FeaturePlanes& planes = *frame.planes;
+    const auto among_packed = [&](const Ranks& of_points, const PackedClass& where) {
+      assert(shape.class_shift >= where.class_shift);
+      const int coarser = shape.class_shift - where.class_shift;
+      rows = &of_points;
+      packed = &planes.packed;
+      shape.value_shift = where.shift + coarser;
+      shape.value_mask = static_cast<int>(where.mask() >> coarser);
+    };
+    const auto in_plane = [&](const Ranks& of_points, const Ranks& of_pixels) {
+      rows = &of_points;
+      plane = &of_pixels;
+      shape.value_shift = shape.class_shift;
+      shape.value_mask = FeatureSet::none >> shape.class_shift;
+    };
+    switch (features) {
+      case FeaturePair::depth:
+        return among_packed(frame.range_rank, FeaturePlanes::depth);
+      case FeaturePair::tiled_depth:
+        return among_packed(frame.range_rank, FeaturePlanes::tile_depth);
+      case FeaturePair::intensity:
+        return among_packed(frame.reflectance_rank, FeaturePlanes::grey);
+      case FeaturePair::fine_intensity:
+        return in_plane(frame.reflectance_rank, planes.grey_rank);
+      case FeaturePair::linear_depth:
+        return in_plane(frame.range_linear, planes.depth_linear);
+      case FeaturePair::linear_intensity:
+        return in_plane(frame.reflectance_linear, planes.grey_linear);
+    }
+  }
 };
 
 /// Scratch memory of a thread, kept between calls.
@@ -161,10 +177,20 @@ Score score(const FeatureSet& features, const RigidTransform& T_camera_lidar, co
   for (std::size_t first = 0; first < total; first += Landed::capacity) {
     const std::size_t count = std::min(Landed::capacity, total - first);
     simd::project(features, first, count, projection, with_tiles, scratch.landed);
-    for (std::size_t k = 0; k < countings.size(); ++k)
-      if (const Counting& counting = countings[k]; counting.possible())
-        simd::count(scratch.landed, counting.rows->data() + first, counting.plane->data(), counting.shape,
-                    counting.tiled, scratch.counts[k].data());
+    const void* looked_up = nullptr;
+    for (std::size_t k = 0; k < countings.size(); ++k) {
+      const Counting& counting = countings[k];
+      if (!counting.possible()) continue;
+      if (counting.packed == nullptr) {
+        simd::look_up(counting.plane->data(), scratch.landed);
+        looked_up = counting.plane;
+      } else if (looked_up != counting.packed) {
+        simd::look_up(counting.packed->data(), scratch.landed);
+        looked_up = counting.packed;
+      }
+      simd::count(scratch.landed, counting.rows->data() + first, counting.shape, counting.tiled,
+                  scratch.counts[k].data());
+    }
   }
 
   Score result;

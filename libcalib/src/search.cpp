@@ -29,7 +29,7 @@ Result<Optimum> finish_six(Search& search, const RigidTransform& T_near) {
   constexpr double same_rotation_rad = 0.1 * radians_per_degree;
   const Objective whole = final_objective(Method::standard, {true, true, true, true, true, true});
   const Objective hill = objective_of({{.ranks_per_class = 8}});
-  const Matrix6 directions = search.hill_directions(T_near, hill);
+  const Matrix6 directions = search.hill_directions(T_near, objective_of({{.ranks_per_class = 8}}, 2));
   const auto T_hill = search.maximise_along(T_near, directions, hill);
   if (!T_hill) return tl::unexpected(T_hill.error());
   const auto found = search.maximise_along(*T_hill, directions, whole);
@@ -58,7 +58,7 @@ Result<Optimum> search_standard(Search& search, const RigidTransform& T_start, c
     search.view().look_about(T, {15 * radians_per_degree, settings.bounds.translation_m});
   }
   for (const int stage : parameters == 6 ? std::vector<int>{3, 6} : std::vector<int>{parameters}) {
-    const Objective hill = objective_of({{.ranks_per_class = 8}}, stage == 6 ? 1 : 4);  // translation needs every point
+    const Objective hill = objective_of({{.ranks_per_class = 8}}, stage == 6 ? 2 : 4);  // translation needs more points
     const auto better = search.maximise(T, stage, 0.7, hill);
     if (!better) return tl::unexpected(better.error());
     T = *better;
@@ -103,7 +103,7 @@ Objective final_objective(Method method, const std::array<bool, 6>& released) {
     case Method::i2i:
       return objective_of({{linear_intensity, 1, 1, false}});
     case Method::i2i_nmi:
-      return objective_of({{intensity, 1, 4, true}});
+      return objective_of({{fine_intensity, 1, 4, true}});
     case Method::standard:
       break;
   }
@@ -171,6 +171,6 @@ std::string_view to_string(Method method) {
   return "default";
 }
 
-bool needs_linear_features(Method method) { return method == Method::d2d || method == Method::i2i; }
+bool needs_baseline_features(Method method) { return method != Method::standard; }
 
 }  // namespace calib

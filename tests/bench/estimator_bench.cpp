@@ -42,12 +42,12 @@ void score_of_a_frame(benchmark::State& state) {
 /// What a score cannot do without: read a point's coordinates and rank, read one pixel, increment one count.
 void memory_floor(benchmark::State& state) {
   const FeatureSet& frame = frames().front();
-  const std::size_t pixels_per_point = frame.planes->depth_rank.size() / frame.x_m.size();
+  const std::size_t pixels_per_point = frame.planes->packed.size() / frame.x_m.size();
   std::vector<std::uint32_t> counts(64 * 64);
   for (auto _ : state) {
     for (std::size_t i = 0; i < frame.x_m.size(); ++i) {
-      const std::uint8_t rank = frame.planes->depth_rank[i * pixels_per_point];
-      counts[frame.range_rank[i] / 4 * 64 + rank / 4] += frame.x_m[i] + frame.y_m[i] + frame.z_m[i] > -1e6F;
+      const std::uint16_t pixel = frame.planes->packed[i * pixels_per_point];
+      counts[frame.range_rank[i] / 4 * 64 + (pixel & 63)] += frame.x_m[i] + frame.y_m[i] + frame.z_m[i] > -1e6F;
     }
     benchmark::ClobberMemory();
   }

@@ -51,8 +51,7 @@ TEST_CASE("starts are as far off as asked for, in rotation and translation") {
     CHECK(delta.head<3>().norm() == Approx(10 * radians_per_degree));
     CHECK(delta.tail<3>().norm() == Approx(0.5));
   }
-  for (const RigidTransform& motion : starting_motions({10, 50}, false, 50, 1))
-    CHECK(motion.translation().norm() == 0);
+  for (const RigidTransform& motion : starting_motions({10, 50}, false, 50, 1)) CHECK(motion.translation().norm() == 0);
 }
 
 TEST_CASE("a start's translation has nothing to do with its rotation, and every point is used once") {
@@ -153,16 +152,14 @@ TEST_CASE("a remark names each axis that is not observable, and says that search
   experiment.best->uncertainty.observable.fill(true);
   CHECK(remarks(experiment).empty());
   experiment.runs[1].result = fail("search_failed", "nothing is in view");
-  CHECK(remarks(experiment) ==
-        std::vector<std::string>{"1 of 2 searches failed, the first with: nothing is in view"});
+  CHECK(remarks(experiment) == std::vector<std::string>{"1 of 2 searches failed, the first with: nothing is in view"});
 }
 
 TEST_CASE("a joint histogram counts points where they land, and none that are out of view") {
   auto planes = std::make_shared<FeaturePlanes>();
   planes->grid = {.width = 2, .height = 1, .fx = 1, .fy = 1, .cx = 0, .cy = 0, .xi = 0};
-  planes->depth_rank = {8, FeatureSet::none};
-  planes->depth_rank.resize(planes->grid.pixels(), FeatureSet::none);
-  planes->grey_rank.assign(planes->grid.pixels(), 239);
+  planes->packed.assign(planes->grid.pixels(), FeaturePlanes::grey.put(0xFFFF, 239));
+  planes->packed[0] = FeaturePlanes::depth.put(planes->packed[0], 8);
   FeatureSet frame;
   frame.planes = planes;
   // On the first pixel twice, on the second one (no depth), behind the camera, beside the image.

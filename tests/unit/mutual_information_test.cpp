@@ -1,8 +1,8 @@
 #include "calib/mutual_information.hpp"
 
+#include <hwy/targets.h>
 #include <cmath>
 #include <functional>
-#include <hwy/targets.h>
 #include <limits>
 #include <memory>
 #include <set>
@@ -27,7 +27,7 @@ FeatureSet board(const RankAt& first, const RankAt& second) {
   FeaturePlanes planes;
   planes.grid = {side, side, 300, 300, side / 2, side / 2, 0};
   planes.max_angle_rad = 0.6;
-  planes.depth_rank.assign(planes.grid.pixels(), FeatureSet::none);
+  std::vector<std::uint8_t> of_pixels(planes.grid.pixels(), FeatureSet::none);
   FeatureSet features;
   for (int v = 0; v < side; ++v)
     for (int u = 0; u < side; ++u) {
@@ -35,9 +35,14 @@ FeatureSet board(const RankAt& first, const RankAt& second) {
       features.y_m.push_back(10 * (static_cast<float>(v) - planes.grid.cy) / planes.grid.fy);
       features.z_m.push_back(10);
       features.range_rank.push_back(static_cast<std::uint8_t>(first(u, v)));
-      planes.depth_rank[v * side + u] = static_cast<std::uint8_t>(second(u, v));
+      of_pixels[v * side + u] = static_cast<std::uint8_t>(second(u, v));
     }
-  planes.tile_depth_rank = planes.grey_rank = planes.depth_linear = planes.grey_linear = planes.depth_rank;
+  for (const std::uint8_t rank : of_pixels) {
+    std::uint16_t& pixel = planes.packed.emplace_back();
+    for (const auto& where : {FeaturePlanes::depth, FeaturePlanes::tile_depth, FeaturePlanes::grey})
+      pixel = where.put(pixel, rank);
+  }
+  planes.grey_rank = planes.depth_linear = planes.grey_linear = of_pixels;
   features.reflectance_rank = features.range_linear = features.reflectance_linear = features.range_rank;
   features.planes = std::make_shared<const FeaturePlanes>(std::move(planes));
   return features;
@@ -114,8 +119,10 @@ TEST_CASE("what is out of view, behind the camera, without depth or too little i
 
 TEST_CASE("the paper's mutual information is that of the counts, in nats") {
   // Of two equal uniform features with c classes it is log c; of independent ones, nearly nothing.
-  for (const auto features : {FeaturePair::linear_depth, FeaturePair::linear_intensity, FeaturePair::depth})
-    for (const int ranks_per_class : {1, 4, 16}) {
+  using enum FeaturePair;
+  for (const auto features : {linear_depth, linear_intensity, fine_intensity, depth, intensity})
+    for (const int ranks_per_class : {1, 4, 8, 16}) {
+      if (ranks_per_class < (features == depth ? 4 : features == intensity ? 8 : 1)) continue;
       const Objective plain = of_classes(ranks_per_class, features, false);
       CHECK(at_identity(board(along, along), plain) ==
             Approx(std::log(FeatureSet::ranks / ranks_per_class)).epsilon(1e-9));
@@ -177,7 +184,8 @@ TEST_CASE("the vector code counts what plain arithmetic counts, whatever the len
     const double u = std::floor(planes.grid.fx * p.x() / denominator + planes.grid.cx + 0.5);
     const double v = std::floor(planes.grid.fy * p.y() / denominator + planes.grid.cy + 0.5);
     if (denominator > 0 && u >= 0 && v >= 0 && u < planes.grid.width && v < planes.grid.height)
-      expected += planes.depth_rank[static_cast<std::size_t>(v) * planes.grid.width + static_cast<std::size_t>(u)] !=
+      expected += FeaturePlanes::depth.rank(
+                      planes.packed[static_cast<std::size_t>(v) * planes.grid.width + static_cast<std::size_t>(u)]) !=
                   FeatureSet::none;
   }
   CHECK(expected > 200);

@@ -119,7 +119,7 @@ TEST_CASE("depth that is biased across the image moves the rotation little, and 
 }
 
 TEST_CASE("the published methods climb their own hill, from near it") {
-  const Street street(75, 6, {.linear = true});
+  const Street street(75, 6, {.baselines = true});
   const RigidTransform T = street.truth() * test::knock(0, 0, 0.6);
   for (const Method method : {Method::d2d, Method::i2i, Method::i2i_nmi}) {
     const auto found = test::require_ok(

@@ -12,8 +12,9 @@ namespace {
 
 Result<Footage> read(const FootageOptions& options) {
   auto footage = Footage::read(options);
-  if (footage)
-    for (const std::string& line : footage->left_out) std::cerr << "calib-eval: " << escape_control(line) << '\n';
+  if (!footage) return footage;
+  if (!footage->remark.empty()) std::cerr << "calib-eval: " << escape_control(footage->remark) << '\n';
+  for (const std::string& line : footage->left_out) std::cerr << "calib-eval: " << escape_control(line) << '\n';
   return footage;
 }
 
@@ -41,9 +42,10 @@ struct Landscape {
 Result<Landscape> look(const FootageOptions& footage_options, const LandscapeOptions& options) {
   auto footage = read(footage_options);
   if (!footage) return tl::unexpected(footage.error());
-  bool linear = false;
-  for (const Method method : options.methods) linear |= needs_linear_features(method);
-  auto features = footage->features({.bounds = options.around.bounds(), .linear = linear}, footage_options.threads);
+  bool baselines = false;
+  for (const Method method : options.methods) baselines |= needs_baseline_features(method);
+  auto features =
+      footage->features({.bounds = options.around.bounds(), .baselines = baselines}, footage_options.threads);
   if (!features) return tl::unexpected(features.error());
   return Landscape{*std::move(footage), *std::move(features)};
 }

@@ -87,11 +87,10 @@ Summary summarise(const std::vector<Run>& runs) {
 
 Result<Experiment> conduct(const Footage& footage, const Cell& cell, const Protocol& protocol) {
   const auto features = footage.features(
-      {.bounds = reach(cell.range), .linear = needs_linear_features(cell.method)}, protocol.threads);
+      {.bounds = reach(cell.range), .baselines = needs_baseline_features(cell.method)}, protocol.threads);
   if (!features) return tl::unexpected(features.error());
   const auto frames = pointers(*features);
-  const auto starts =
-      starting_motions(cell.range, cell.degrees_of_freedom == 6, protocol.starts, protocol.seed);
+  const auto starts = starting_motions(cell.range, cell.degrees_of_freedom == 6, protocol.starts, protocol.seed);
 
   Experiment experiment{cell, std::vector<Run>(starts.size()), std::nullopt};
   parallel_for(starts.size(), protocol.threads, [&](std::size_t i) {

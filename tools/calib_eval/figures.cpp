@@ -30,14 +30,16 @@ JointHistogram joint_histogram(const FeatureSet& frame, const RigidTransform& T_
   constexpr int ranks_per_class = FeatureSet::ranks / JointHistogram::classes;
   const bool of_depth = features == Features::depth;
   const auto& points = of_depth ? frame.range_rank : frame.reflectance_rank;
-  const auto& pixels = of_depth ? frame.planes->depth_rank : frame.planes->grey_rank;
+  const auto& pixels = frame.planes->packed;
+  const PackedClass& where = of_depth ? FeaturePlanes::depth : FeaturePlanes::grey;
   JointHistogram histogram;
   if (points.empty() || pixels.empty()) return histogram;
   for (std::size_t i = 0; i < frame.points(); ++i) {
     const Eigen::Vector3d p_lidar(frame.x_m[i], frame.y_m[i], frame.z_m[i]);
     const auto pixel = pixel_of(frame.planes->grid, T_camera_lidar * p_lidar);
-    if (!pixel || points[i] >= FeatureSet::ranks || pixels[*pixel] >= FeatureSet::ranks) continue;
-    ++histogram.counts[points[i] / ranks_per_class * JointHistogram::classes + pixels[*pixel] / ranks_per_class];
+    if (!pixel || points[i] >= FeatureSet::ranks || where.rank(pixels[*pixel]) >= FeatureSet::ranks) continue;
+    ++histogram
+          .counts[points[i] / ranks_per_class * JointHistogram::classes + where.rank(pixels[*pixel]) / ranks_per_class];
   }
   return histogram;
 }
@@ -50,9 +52,8 @@ Result<std::optional<Figure>> draw(const Footage& footage, const Experiment& exp
   const Run& run = experiment.runs[figure.run];
   if (!run.result) return std::nullopt;
   const Footage::Frame& frame = footage.frames[footage.frames.size() / 2];
-  const auto features =
-      make_features(frame.pair, frame.depth, footage.camera, footage.T_camera_lidar,
-                    {.bounds = reach(cell.range), .linear = needs_linear_features(cell.method)});
+  const auto features = make_features(frame.pair, frame.depth, footage.camera, footage.T_camera_lidar,
+                                      {.bounds = reach(cell.range), .baselines = needs_baseline_features(cell.method)});
   if (!features) return tl::unexpected(features.error());
   const Objective& objective = run.result->objective;
   figure.features = features_of(objective);

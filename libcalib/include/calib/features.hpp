@@ -38,22 +38,41 @@ struct FeatureSettings {
   SearchBounds bounds{};
   /// Fewer points than this on pixels with depth at the given extrinsic are refused.
   int min_points = 1000;
-  /// Also the paper's own features, in linear classes.
-  bool linear = false;
+  /// Also what only the methods that ours is compared with need.
+  bool baselines = false;
 };
 
-/// What is kept of an image and its depth: planes of the grid, row-major, `grid.pixels()` bytes or empty.
+/// Where a packed pixel holds the class of a feature: `bits` bits from `shift` on, 2^class_shift ranks a class, all
+/// bits set where the pixel has no value.
+struct PackedClass {
+  int shift, bits, class_shift;
+  [[nodiscard]] constexpr unsigned mask() const { return (1U << bits) - 1; }
+  /// `pixel` with the class of `rank` (255: no value) in it.
+  [[nodiscard]] constexpr std::uint16_t put(std::uint16_t pixel, std::uint8_t rank) const {
+    return static_cast<std::uint16_t>((pixel & ~(mask() << shift)) | static_cast<unsigned>(rank >> class_shift)
+                                                                         << shift);
+  }
+  /// The lowest rank of the pixel's class, 255 when it has no value.
+  [[nodiscard]] constexpr std::uint8_t rank(std::uint16_t pixel) const {
+    const unsigned found = pixel >> shift & mask();
+    return static_cast<std::uint8_t>(found == mask() ? 255 : found << class_shift);
+  }
+};
+
+/// What is kept of an image and its depth: planes of the grid, row-major, `grid.pixels()` values or empty.
 struct FeaturePlanes {
   BearingGrid grid;
-  /// Ranks of depth among the whole image, of depth among its tile of 8 x 3, and of brightness.
-  std::vector<std::uint8_t> depth_rank, tile_depth_rank, grey_rank;
-  /// The paper's features, in classes of equal width: depth along the axis, and brightness.
-  std::vector<std::uint8_t> depth_linear, grey_linear;
+  /// Depth among the whole image, depth among its tile of 8 x 3, and brightness: so that a point reads memory once.
+  static constexpr PackedClass depth{0, 6, 2}, tile_depth{6, 5, 3}, grey{11, 5, 3};
+  std::vector<std::uint16_t> packed;
+  /// Baselines: the paper's features in classes of equal width, depth along the axis and brightness; and the full ranks
+  /// of brightness.
+  std::vector<std::uint8_t> depth_linear, grey_linear, grey_rank;
   /// Of the camera: nothing further off its axis is visible.
   double max_angle_rad = 0;
 };
 
-/// What is kept of a pair: everything that the objectives need, and no image. About 2 MB for a 1242 x 375 image and a
+/// What is kept of a pair: everything that the objectives need, and no image. About 1.5 MB for a 1242 x 375 image and a
 /// 64-beam scan. A copy shares the planes.
 ///
 /// A feature is a rank: the value's place among all values of the frame in equal steps 0 .. 239 (a histogram with equal

@@ -14,6 +14,7 @@ enum class FeaturePair {
   depth,            // rank of the distance, rank of depth
   tiled_depth,      // rank of the distance, rank of depth among its tile of the image: one histogram per tile
   intensity,        // rank of reflectance, rank of brightness
+  fine_intensity,   // the same, for more than 30 classes
   linear_depth,     // range, depth, as the paper has them
   linear_intensity  // reflectance, brightness, as the paper's baseline has them
 };
@@ -23,7 +24,7 @@ struct Term {
   FeaturePair features = FeaturePair::depth;
   double weight = 1;  // positive
   /// A power of two up to 16: 1, 4, 8 or 16 make 240, 60, 30 or 15 classes. More classes give a sharper optimum, fewer
-  /// a wider basin.
+  /// a wider basin. At least 4 with `depth`, 8 with `tiled_depth` and `intensity`.
   int ranks_per_class = 4;
   /// Normalised mutual information (H(X) + H(Y)) / H(X, Y), after Studholme 1999, of a joint histogram smoothed with
   /// [1 2 1] / 4 in both directions: 1 for independent features, at most 2. It is the one that a change of overlap

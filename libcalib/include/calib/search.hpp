@@ -29,7 +29,7 @@ enum class Method {
 [[nodiscard]] Result<Method> parse_method(std::string_view name);
 [[nodiscard]] std::string_view to_string(Method method);
 /// Whether frames need `FeatureSettings::linear`.
-[[nodiscard]] bool needs_linear_features(Method method);
+[[nodiscard]] bool needs_baseline_features(Method method);
 
 struct SearchSettings {
   /// The extrinsic stays within these of the starting one, per axis, in the LiDAR frame.
