@@ -28,6 +28,10 @@ enum class Material : std::uint8_t {
   sign,
   cloth,
   shadow,
+  ground,   // any road, field or verge
+  foliage,  // any greenery
+  pattern,  // stripes, checks or blotches: brightness that says nothing of shape
+  marking,
 };
 
 /// What a triangle is made of; `seed` picks its colour and pattern.

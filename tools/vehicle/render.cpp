@@ -5,132 +5,22 @@
 #include <limits>
 #include <optional>
 
-#include "vehicle/facing_triangle.hpp"
+#include "vehicle/depth_buffer.hpp"
 
 namespace calib::vehicle {
 namespace {
 
-using Eigen::Vector2f;
 using Eigen::Vector3f;
 
-constexpr float near_m = 0.25f;
-
-/// A triangle as the camera sees it. Over the image, 1/z, u/z and v/z are linear: value = gradient . (x, y,
-/// 1).
-struct Face {
-  Vector3f inverse_depth, u_over_z, v_over_z;
-  float light;
-  Surface surface;
-};
-
-/// A linear function of the viewing ray ((x - cx) / fx, (y - cy) / fy, 1) as one of the pixel (x, y, 1).
-Vector3f of_pixel(const Vector3f& of_ray, const Camera& camera) {
-  const float gx = of_ray.x() / static_cast<float>(camera.fx()), gy = of_ray.y() / static_cast<float>(camera.fy());
-  return {gx, gy, of_ray.z() - gx * static_cast<float>(camera.cx()) - gy * static_cast<float>(camera.cy())};
-}
-
-/// The part of a triangle in front of the camera: a polygon of 0, 3 or 4 corners.
-int clip_near(const FacingTriangle& facing, std::array<Vector3f, 4>& polygon) {
-  const std::array<const Vector3f*, 3> corner{&facing.a, &facing.b, &facing.c};
-  int count = 0;
-  for (int i = 0; i < 3; ++i) {
-    const Vector3f &p = *corner[i], &q = *corner[(i + 1) % 3];
-    if (p.z() >= near_m) polygon[count++] = p;
-    if ((p.z() >= near_m) != (q.z() >= near_m)) polygon[count++] = p + (q - p) * ((near_m - p.z()) / (q.z() - p.z()));
-  }
-  return count;
-}
-
-/// Faces in front of the camera, and for every pixel which of them is nearest.
-class DepthBuffer {
- public:
-  explicit DepthBuffer(const Camera& camera)
-      : camera_(camera), nearest_(camera.width() * camera.height(), 0.f), face_(nearest_.size(), no_face) {}
-
-  /// `sun`: unit vector, camera's frame.
-  void draw(const Triangle& triangle, const FacingTriangle& facing, const Vector3f& sun) {
-    std::array<Vector3f, 4> polygon;
-    const int count = clip_near(facing, polygon);
-    if (count == 0) return;
-    std::array<Vector2f, 4> corners;
-    for (int i = 0; i < count; ++i) corners[i] = project(polygon[i]);
-    // On the plane n . p = n . a, so 1/z = n . ray / (n . a), and u/z = u_map . ray + u0 / z.
-    const Vector3f inverse_depth = of_pixel(facing.normal / facing.normal.dot(facing.a), camera_);
-    if (!fill(corners, count, inverse_depth)) return;
-    const TextureMap texture(triangle, facing);
-    const float cosine = facing.normal.dot(sun) / facing.normal.norm();
-    // The sky lights what looks away from the sun.
-    const float light = 0.55f + 0.55f * std::max(cosine, 0.f) + 0.08f * cosine;
-    faces_.push_back({inverse_depth, of_pixel(texture.u_map, camera_) + texture.u0 * inverse_depth,
-                      of_pixel(texture.v_map, camera_) + texture.v0 * inverse_depth, light, triangle.surface});
-  }
-
-  [[nodiscard]] const Face* face_at(int index) const {
-    return face_[index] == no_face ? nullptr : &faces_[face_[index]];
-  }
-
- private:
-  static constexpr std::uint32_t no_face = 0xffffffffU;
-
-  [[nodiscard]] Vector2f project(const Vector3f& p) const {
-    return {static_cast<float>(camera_.fx()) * p.x() / p.z() + static_cast<float>(camera_.cx()),
-            static_cast<float>(camera_.fy()) * p.y() / p.z() + static_cast<float>(camera_.cy())};
-  }
-
-  /// Marks the pixels inside the polygon where it is the nearest so far; whether there were any.
-  bool fill(const std::array<Vector2f, 4>& corners, int count, const Vector3f& inverse_depth) {
-    float top = corners[0].y(), bottom = top, left = corners[0].x(), right = left;
-    for (int i = 1; i < count; ++i) {
-      top = std::min(top, corners[i].y()), bottom = std::max(bottom, corners[i].y());
-      left = std::min(left, corners[i].x()), right = std::max(right, corners[i].x());
-    }
-    const int width = camera_.width(), height = camera_.height();
-    if (!(bottom >= 0 && top < static_cast<float>(height) && right >= 0 && left < static_cast<float>(width)))
-      return false;
-    const auto id = static_cast<std::uint32_t>(faces_.size());
-    const int first = std::max(0, static_cast<int>(std::ceil(top)));
-    const int last = std::min(height - 1, static_cast<int>(std::ceil(std::min(bottom, 1e6f))) - 1);
-    bool any = false;
-    for (int y = first; y <= last; ++y) {
-      float from = std::numeric_limits<float>::max(), to = -from;
-      for (int i = 0; i < count; ++i) {
-        // From the upper to the lower corner, whichever triangle the edge belongs to: neighbours leave no
-        // gap.
-        const bool down = corners[i].y() < corners[(i + 1) % count].y();
-        const Vector2f &p = corners[down ? i : (i + 1) % count], &q = corners[down ? (i + 1) % count : i];
-        const float row = static_cast<float>(y);
-        if (row < p.y() || row >= q.y()) continue;
-        const float x = p.x() + (q.x() - p.x()) * ((row - p.y()) / (q.y() - p.y()));
-        from = std::min(from, x), to = std::max(to, x);
-      }
-      if (!(from < static_cast<float>(width) && to > 0)) continue;
-      const int begin = std::max(0, static_cast<int>(std::ceil(from)));
-      const int end = std::min(width, static_cast<int>(std::ceil(std::min(to, 1e6f))));
-      const float row_value = inverse_depth.y() * static_cast<float>(y) + inverse_depth.z();
-      float* nearest = nearest_.data() + y * width;
-      std::uint32_t* face = face_.data() + y * width;
-      for (int x = begin; x < end; ++x) {
-        const float value = inverse_depth.x() * static_cast<float>(x) + row_value;
-        if (value > nearest[x]) nearest[x] = value, face[x] = id, any = true;
-      }
-    }
-    return any;
-  }
-
-  const Camera& camera_;
-  std::vector<Face> faces_;
-  std::vector<float> nearest_;  // 1/z
-  std::vector<std::uint32_t> face_;
-};
-
 /// Bright near the horizon, darker above, with soft clouds; all at infinity.
-float sky(const NoiseTexture& noise, const Vector3f& direction) {
+float sky(const NoiseTexture& noise, const Light& light, const Vector3f& direction) {
   const float height = std::max(direction.z(), 0.f);
   const float u = direction.x() / (height + 0.15f), v = direction.y() / (height + 0.15f);
-  return 0.95f - 0.35f * std::min(height, 1.f) + 0.05f * noise.at(u, v, 0.03f, 0.03f);
+  return light.horizon - light.drop * std::min(height, 1.f) + light.clouds * noise.at(u, v, 0.03f, 0.03f);
 }
 
-float shade(const NoiseTexture& noise, const Face& face, float x, float y, float z) {
+float shade(const NoiseTexture& noise, const Light& light, const Face& face, bool in_shadow, float x, float y,
+            float z) {
   const float u = (face.u_over_z.x() * x + face.u_over_z.y() * y + face.u_over_z.z()) * z;
   const float v = (face.v_over_z.x() * x + face.v_over_z.y() * y + face.v_over_z.z()) * z;
   // Change of the texture position from this pixel to the next across and down.
@@ -138,29 +28,74 @@ float shade(const NoiseTexture& noise, const Face& face, float x, float y, float
                    std::abs(face.u_over_z.y() - u * face.inverse_depth.y());
   const float dv = std::abs(face.v_over_z.x() - v * face.inverse_depth.x()) +
                    std::abs(face.v_over_z.y() - v * face.inverse_depth.y());
-  const float haze = 1 - std::exp(-z / 400);
-  const float surface = face.light * albedo(noise, face.surface, u, v, du * z, dv * z);
-  return surface + haze * (0.8f - surface);
+  const float haze = 1 - std::exp(-z / light.haze_m);
+  const float falling = in_shadow ? face.light - face.sunlight : face.light;
+  const float surface = falling * albedo(noise, face.surface, u, v, du * z, dv * z);
+  return surface + haze * (light.haze - surface);
 }
+
+/// Draws what faces the camera.
+void draw(DepthBuffer& buffer, const std::vector<Instance>& instances, const RigidTransform& T_camera_world,
+          const Light& light) {
+  const Vector3f sun = (T_camera_world.linear() * light.sun).cast<float>();
+  for (const Instance& instance : instances) {
+    const Eigen::Isometry3f T_camera_mesh = (T_camera_world * instance.T_world_mesh).cast<float>();
+    for (const Triangle& triangle : instance.mesh->triangles) {
+      const FacingTriangle facing(triangle, T_camera_mesh);
+      if (facing.faces_origin()) buffer.draw(triangle, facing, sun, light);
+    }
+  }
+}
+
+/// What the sun sees of the surroundings of a camera, and with it what lies in shadow. The sun's rays are made all but
+/// parallel by looking from far away.
+class SunView {
+ public:
+  SunView(const std::vector<Instance>& instances, const Light& light, const RigidTransform& T_world_camera)
+      : camera_(Camera::make(CameraModel::rectified, size, size,
+                             {size * distance_m / across_m, size * distance_m / across_m, 0.5 * size, 0.5 * size})
+                    .value()),
+        buffer_(camera_) {
+    // Most of what the camera sees well is within `across_m` of the place ahead of it that this looks at.
+    const Eigen::Vector3d target = T_world_camera * Eigen::Vector3d(0, 0, 0.35 * across_m);
+    RigidTransform T_world_sun = RigidTransform::Identity();
+    T_world_sun.linear() = Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), -light.sun).toRotationMatrix();
+    T_world_sun.translation() = target + distance_m * light.sun;
+    draw(buffer_, instances, T_world_sun.inverse(), light);
+    T_sun_camera_ = (T_world_sun.inverse() * T_world_camera).cast<float>();
+  }
+
+  /// Something is between the sun and `p` (camera's frame).
+  [[nodiscard]] bool hides(const Vector3f& p) const {
+    const Vector3f seen = T_sun_camera_ * p;
+    const float scale = static_cast<float>(camera_.fx()) / seen.z(), centre = 0.5f * size;
+    const int x = static_cast<int>(std::lround(scale * seen.x() + centre)),
+              y = static_cast<int>(std::lround(scale * seen.y() + centre));
+    if (x < 0 || x >= size || y < 0 || y >= size) return false;
+    return buffer_.inverse_depth_at(y * size + x) * (seen.z() - tolerance_m) > 1;
+  }
+
+ private:
+  static constexpr int size = 1536;
+  static constexpr double distance_m = 600, across_m = 110;
+  static constexpr float tolerance_m = 0.15f;
+  const Camera camera_;
+  DepthBuffer buffer_;
+  Eigen::Isometry3f T_sun_camera_;
+};
 
 /// The scene as a rectified camera sees it, to be asked at any place of the image.
 class View {
  public:
-  View(const Scene& scene, const std::vector<Instance>& instances, const Camera& camera,
+  View(const NoiseTexture& noise, const Light& light, const std::vector<Instance>& instances, const Camera& camera,
        const RigidTransform& T_world_camera)
-      : noise_(scene.noise()),
+      : noise_(noise),
+        light_(light),
         camera_(camera),
         R_world_camera_(T_world_camera.linear().cast<float>()),
         buffer_(camera) {
-    const RigidTransform T_camera_world = T_world_camera.inverse();
-    const Vector3f sun = (T_camera_world.linear() * scene.sun()).cast<float>();
-    for (const Instance& instance : instances) {
-      const Eigen::Isometry3f T_camera_mesh = (T_camera_world * instance.T_world_mesh).cast<float>();
-      for (const Triangle& triangle : instance.mesh->triangles) {
-        const FacingTriangle facing(triangle, T_camera_mesh);
-        if (facing.faces_origin()) buffer_.draw(triangle, facing, sun);
-      }
-    }
+    draw(buffer_, instances, T_world_camera.inverse(), light);
+    if (light.cast_shadows) sun_view_.emplace(instances, light, T_world_camera);
   }
 
   struct Sample {
@@ -171,12 +106,14 @@ class View {
     const float column = std::clamp(std::round(x), 0.f, static_cast<float>(camera_.width() - 1)),
                 row = std::clamp(std::round(y), 0.f, static_cast<float>(camera_.height() - 1));
     const Face* face = buffer_.face_at(static_cast<int>(row) * camera_.width() + static_cast<int>(column));
-    if (!face) return {sky(noise_, R_world_camera_ * ray(x, y).normalized()), std::numeric_limits<float>::infinity()};
+    if (!face)
+      return {sky(noise_, light_, R_world_camera_ * ray(x, y).normalized()), std::numeric_limits<float>::infinity()};
     // A surface seen edge-on may end between the pixel's centre and (x, y), and 1/z with it.
     const Vector3f& inverse = face->inverse_depth;
     const float nearby = inverse.x() * column + inverse.y() * row + inverse.z();
     const float z = 1 / std::max(inverse.x() * x + inverse.y() * y + inverse.z(), 0.5f * nearby);
-    return {shade(noise_, *face, x, y, z), z};
+    const bool in_shadow = sun_view_ && face->sunlight > 0 && sun_view_->hides(z * ray(x, y));
+    return {shade(noise_, light_, *face, in_shadow, x, y, z), z};
   }
 
  private:
@@ -186,9 +123,11 @@ class View {
   }
 
   const NoiseTexture& noise_;
+  const Light& light_;
   const Camera& camera_;
   Eigen::Matrix3f R_world_camera_;
   DepthBuffer buffer_;
+  std::optional<SunView> sun_view_;
 };
 
 Rendering empty_rendering(int width, int height) {
@@ -224,9 +163,9 @@ int face_of(const Vector3f& ray) {
 
 }  // namespace
 
-Rendering render(const Scene& scene, const std::vector<Instance>& instances, const Camera& camera,
-                 const RigidTransform& T_world_camera) {
-  const View view(scene, instances, camera, T_world_camera);
+Rendering render(const NoiseTexture& noise, const Light& light, const std::vector<Instance>& instances,
+                 const Camera& camera, const RigidTransform& T_world_camera) {
+  const View view(noise, light, instances, camera, T_world_camera);
   Rendering result = empty_rendering(camera.width(), camera.height());
   for (int y = 0; y < camera.height(); ++y)
     for (int x = 0; x < camera.width(); ++x) {
@@ -236,6 +175,11 @@ Rendering render(const Scene& scene, const std::vector<Instance>& instances, con
       result.depth_m[index] = sample.depth_m;
     }
   return result;
+}
+
+Rendering render(const Scene& scene, const std::vector<Instance>& instances, const Camera& camera,
+                 const RigidTransform& T_world_camera) {
+  return render(scene.noise(), scene.light(), instances, camera, T_world_camera);
 }
 
 WideRenderer::WideRenderer(const Camera& camera) : width_(camera.width()), height_(camera.height()) {
@@ -274,7 +218,7 @@ Rendering WideRenderer::render(const Scene& scene, const std::vector<Instance>& 
       if (!view) {
         RigidTransform T_world_face = T_world_camera;
         T_world_face.linear() = T_world_camera.linear() * R_camera_face.cast<double>();
-        view.emplace(scene, instances, camera, T_world_face);
+        view.emplace(scene.noise(), scene.light(), instances, camera, T_world_face);
       }
       const Vector3f p = R_camera_face.transpose() * ray;
       const float size = static_cast<float>(half);

@@ -21,6 +21,10 @@ struct Rendering {
 [[nodiscard]] Rendering render(const Scene& scene, const std::vector<Instance>& instances, const Camera& camera,
                                const RigidTransform& T_world_camera);
 
+/// As above, of any instances, lit as one likes.
+[[nodiscard]] Rendering render(const NoiseTexture& noise, const Light& light, const std::vector<Instance>& instances,
+                               const Camera& camera, const RigidTransform& T_world_camera);
+
 /// For cameras of any model, lenses of 180 degrees and more included: the scene is drawn on the faces of a cube and
 /// looked up along each pixel's bearing. Brightness is the mean of four places within the pixel; depth is that of the
 /// surface along the bearing of the pixel's centre. A pixel that the lens does not reach is black and at infinity.

@@ -18,7 +18,7 @@ enum Purpose : std::uint64_t { noise = 100, oncoming, walker, leader, sun };
 Scene::Scene(std::uint64_t seed) : seed_(mix(seed)), street_(seed_), noise_(mix(seed_, Purpose::noise)) {
   Random random(mix(seed_, Purpose::sun));
   const double azimuth = random.uniform(0, 6.2831853f);
-  sun_ = Eigen::Vector3d(std::cos(azimuth), std::sin(azimuth), 0.9).normalized();
+  light_.sun = Eigen::Vector3d(std::cos(azimuth), std::sin(azimuth), 0.9).normalized();
 }
 
 double Scene::station(double t_s) const { return speed_m_s * t_s + 9 * std::sin(t_s / 7); }

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "calib/geometry.hpp"
+#include "vehicle/light.hpp"
 #include "vehicle/mesh.hpp"
 #include "vehicle/street.hpp"
 #include "vehicle/texture.hpp"
@@ -30,8 +31,7 @@ class Scene {
   [[nodiscard]] std::vector<Instance> instances(double t_s);
 
   [[nodiscard]] const NoiseTexture& noise() const { return noise_; }
-  /// Unit vector towards the sun, world frame.
-  [[nodiscard]] const Eigen::Vector3d& sun() const { return sun_; }
+  [[nodiscard]] const Light& light() const { return light_; }
 
  private:
   [[nodiscard]] double station(double t_s) const;
@@ -41,7 +41,7 @@ class Scene {
   std::uint64_t seed_;
   Street street_;
   NoiseTexture noise_;
-  Eigen::Vector3d sun_;
+  Light light_;
   std::map<int, Mesh> blocks_;
   std::map<std::uint64_t, Mesh> models_;
 };

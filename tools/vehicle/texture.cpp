@@ -36,10 +36,8 @@ float road_albedo(float along, float across, float along_w, float across_w, floa
   float result = blend(ground, line, dash * covered(across, -0.07f, 0.07f, across_w));
   // The edge of the parking lane, and wheel tracks polished by traffic.
   const float side = std::abs(across);
-  result =
-      blend(result, line, covered(side, Street::lane_edge_m - 0.06f, Street::lane_edge_m + 0.06f, across_w));
-  return result *
-         (1 - 0.15f * covered(side, 0.75f, 1.15f, across_w) - 0.15f * covered(side, 2.35f, 2.75f, across_w));
+  result = blend(result, line, covered(side, Street::lane_edge_m - 0.06f, Street::lane_edge_m + 0.06f, across_w));
+  return result * (1 - 0.15f * covered(side, 0.75f, 1.15f, across_w) - 0.15f * covered(side, 2.35f, 2.75f, across_w));
 }
 
 /// Rows of windows over a ground floor of shop windows; u from the building's edge, v from the ground.
@@ -54,14 +52,12 @@ float facade_albedo(Surface surface, float u, float v, float du, float dv, float
 
   const std::uint64_t window =
       mix(surface.seed, static_cast<std::uint64_t>(column + 64), static_cast<std::uint64_t>(floor + 64));
-  const float glass =
-      unit(window) < 0.25f ? 0.5f + 0.3f * unit(mix(window)) : 0.04f + 0.16f * unit(mix(window));
+  const float glass = unit(window) < 0.25f ? 0.5f + 0.3f * unit(mix(window)) : 0.04f + 0.16f * unit(mix(window));
   const float frame = trait(surface, 5, 0.f, 1.f) < 0.5f ? 0.85f : 0.25f;
   float result = wall;
   // A band between the floors, then frame, panes, and the bar between them.
   result = blend(result, 0.6f * wall + 0.3f, 0.7f * covered(y, floor_m - 0.2f, floor_m + 0.1f, dv));
-  result =
-      blend(result, frame, covered(x, -w - 0.1f, w + 0.1f, du) * covered(y, low - 0.12f, high + 0.1f, dv));
+  result = blend(result, frame, covered(x, -w - 0.1f, w + 0.1f, du) * covered(y, low - 0.12f, high + 0.1f, dv));
   result = blend(result, glass, covered(x, -w, w, du) * covered(y, low, high, dv));
   return blend(result, frame, covered(x, -0.04f, 0.04f, du) * covered(y, low, high, dv));
 }
@@ -82,6 +78,19 @@ float sign_albedo(Surface surface, float u, float v, float du, float dv) {
   if (unit(place) < 0.3f) return 0.8f;
   const float x = u - width * column, y = v - height * row;
   return blend(0.8f, 0.12f, covered(x, 0.02f, 0.1f, du) * covered(y, 0.05f, 0.16f, dv));
+}
+
+/// Two shades in stripes or checks, of a width and a slant of their own.
+float pattern_albedo(Surface surface, float u, float v, float du, float dv) {
+  const float one = trait(surface, 0, 0.03f, 0.9f), other = trait(surface, 1, 0.03f, 0.9f);
+  const float period = std::exp(trait(surface, 2, -2.3f, 1.4f)), slant = trait(surface, 3, -1, 1);
+  const auto share = [&](float at, float width) {
+    return covered(at / period - std::floor(at / period), 0.25f, 0.75f, width / period);
+  };
+  const float stripes = share(u + slant * v, du + std::abs(slant) * dv);
+  if (trait(surface, 4, 0, 1) < 0.5f) return blend(one, other, stripes);
+  const float across = share(v - slant * u, dv + std::abs(slant) * du);
+  return blend(one, other, stripes + across - 2 * stripes * across);
 }
 
 }  // namespace
@@ -118,10 +127,10 @@ NoiseTexture::NoiseTexture(std::uint64_t seed) {
       map.resize(columns * rows);
       for (int y = 0; y < rows; ++y)
         for (int x = 0; x < columns; ++x)
-          map[y * columns + x] = lu > 0 ? 0.5f * (maps_[lv][lu - 1][y * 2 * columns + 2 * x] +
-                                                  maps_[lv][lu - 1][y * 2 * columns + 2 * x + 1])
-                                        : 0.5f * (maps_[lv - 1][0][2 * y * columns + x] +
-                                                  maps_[lv - 1][0][(2 * y + 1) * columns + x]);
+          map[y * columns + x] =
+              lu > 0
+                  ? 0.5f * (maps_[lv][lu - 1][y * 2 * columns + 2 * x] + maps_[lv][lu - 1][y * 2 * columns + 2 * x + 1])
+                  : 0.5f * (maps_[lv - 1][0][2 * y * columns + x] + maps_[lv - 1][0][(2 * y + 1) * columns + x]);
     }
 }
 
@@ -145,9 +154,7 @@ float albedo(const NoiseTexture& noise, Surface surface, float u, float v, float
               shift_v = trait(surface, 102, 0, NoiseTexture::period_m);
   const float n = 0.8f * noise.at(u + shift_u, v + shift_v, du, dv) +
                   0.6f * noise.at(0.29f * u + shift_v, 0.29f * v + shift_u, 0.29f * du, 0.29f * dv);
-  const auto rough = [&](float mean, float contrast) {
-    return std::clamp(mean * (1 + contrast * n), 0.01f, 1.f);
-  };
+  const auto rough = [&](float mean, float contrast) { return std::clamp(mean * (1 + contrast * n), 0.01f, 1.f); };
   switch (surface.material) {
     case Material::road:
       return std::clamp(road_albedo(u, v, du, dv, rough(0.22f, 0.28f)), 0.01f, 1.f);
@@ -160,8 +167,7 @@ float albedo(const NoiseTexture& noise, Surface surface, float u, float v, float
     case Material::earth:
       return rough(0.25f, 0.4f);
     case Material::facade:
-      return std::clamp(facade_albedo(surface, u, v, du, dv, rough(trait(surface, 0, 0.25f, 0.7f), 0.2f)),
-                        0.01f, 1.f);
+      return std::clamp(facade_albedo(surface, u, v, du, dv, rough(trait(surface, 0, 0.25f, 0.7f), 0.2f)), 0.01f, 1.f);
     case Material::roof:
       return rough(trait(surface, 0, 0.15f, 0.35f), 0.3f);
     case Material::plain:
@@ -184,6 +190,14 @@ float albedo(const NoiseTexture& noise, Surface surface, float u, float v, float
       return rough(trait(surface, 0, 0.08f, 0.7f), 0.3f);
     case Material::shadow:
       return rough(0.12f, 0.45f);
+    case Material::ground:
+      return rough(trait(surface, 0, 0.08f, 0.5f), 0.45f * trait(surface, 1, 0, 1) * trait(surface, 2, 0.1f, 1));
+    case Material::foliage:
+      return rough(trait(surface, 0, 0.05f, 0.4f), trait(surface, 1, 0.3f, 0.9f));
+    case Material::pattern:
+      return std::clamp(pattern_albedo(surface, u, v, du, dv) * (1 + 0.2f * n), 0.01f, 1.f);
+    case Material::marking:
+      return rough(trait(surface, 0, 0.6f, 0.95f), 0.08f);
   }
   return 0;
 }
