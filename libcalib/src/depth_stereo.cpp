@@ -1,35 +1,74 @@
 #include "calib/depth_stereo.hpp"
 
 #include <opencv2/calib3d.hpp>
+#include <optional>
+
+#include "stereo_rectification.hpp"
 
 namespace calib {
 namespace {
 
+std::string size_text(int width, int height) { return std::to_string(width) + " x " + std::to_string(height); }
+
+cv::Ptr<cv::StereoMatcher> make_matcher(StereoMatcher kind, int width) {
+  // About a tenth of the width: nearest depth 10 f B / width, some 3 m on a car's stereo camera.
+  const int disparities = std::max(16, (width / 10 + 15) / 16 * 16);
+  constexpr int speckle_pixels = 100, speckle_range = 2, left_right_pixels = 1, uniqueness_percent = 10;
+  if (kind == StereoMatcher::bm) {
+    auto matcher = cv::StereoBM::create(disparities, /*blockSize=*/15);
+    matcher->setSpeckleWindowSize(speckle_pixels);
+    matcher->setSpeckleRange(speckle_range);
+    matcher->setDisp12MaxDiff(left_right_pixels);
+    matcher->setUniquenessRatio(uniqueness_percent);
+    return matcher;
+  }
+  constexpr int block = 5;
+  return cv::StereoSGBM::create(0, disparities, block, 8 * block * block, 32 * block * block, left_right_pixels,
+                                /*preFilterCap=*/31, uniqueness_percent, speckle_pixels, speckle_range,
+                                cv::StereoSGBM::MODE_SGBM_3WAY);
+}
+
+/// Whether the images can be matched as they come.
+bool is_rectified(const Camera& left, const RightCamera& right) {
+  const Camera& other = right.camera;
+  const Eigen::Vector3d t = right.T_right_left.translation();
+  return left.model() == CameraModel::rectified && other.model() == CameraModel::rectified &&
+         left.width() == other.width() && left.height() == other.height() && left.fx() == other.fx() &&
+         left.fy() == other.fy() && left.cx() == other.cx() && left.cy() == other.cy() &&
+         rotation_angle_rad(right.T_right_left) < 1e-9 && t.x() < 0 && std::hypot(t.y(), t.z()) < 1e-9;
+}
+
 class StereoDepth final : public DepthEstimator {
  public:
-  StereoDepth(const Camera& camera, double baseline_m)
-      : width_(camera.width()), height_(camera.height()), focal_times_baseline_(camera.fx() * baseline_m) {
-    // About a tenth of the width: nearest depth 10 f B / width, some 3 m on a car's stereo camera.
-    const int disparities = std::max(16, (width_ / 10 + 15) / 16 * 16);
-    constexpr int block = 5;
-    matcher_ = cv::StereoSGBM::create(0, disparities, block, 8 * block * block, 32 * block * block,
-                                      /*disp12MaxDiff=*/1, /*preFilterCap=*/31, /*uniquenessRatio=*/10,
-                                      /*speckleWindowSize=*/100, /*speckleRange=*/2, cv::StereoSGBM::MODE_SGBM_3WAY);
-  }
+  StereoDepth(const Camera& left, const Camera& right, double focal_times_baseline,
+              std::optional<StereoRectification> rectification, StereoMatcher matcher)
+      : left_(left),
+        right_(right),
+        focal_times_baseline_(focal_times_baseline),
+        rectification_(std::move(rectification)),
+        matcher_(make_matcher(matcher, rectification_ ? rectification_->width() : left.width())) {}
 
   Result<DepthMap> estimate(const FramePair& pair) override {
     if (!pair.right_image) return fail("depth_failed", "stereo depth needs a right image");
-    for (const Image* image : {&pair.image, &*pair.right_image})
-      if (image->width != width_ || image->height != height_)
-        return fail("depth_failed", "an image is " + std::to_string(image->width) + " x " +
-                                        std::to_string(image->height) + " where the configuration says " +
-                                        std::to_string(width_) + " x " + std::to_string(height_));
+    for (const auto& [image, camera] : {std::pair(&pair.image, &left_), std::pair(&*pair.right_image, &right_)})
+      if (image->width != camera->width() || image->height != camera->height())
+        return fail("depth_failed", "an image is " + size_text(image->width, image->height) +
+                                        " where the configuration says " +
+                                        size_text(camera->width(), camera->height()));
+    DepthMap depth{left_.width(), left_.height(), {}};
     try {
-      matcher_->compute(view(pair.image), view(*pair.right_image), disparity_);
+      const cv::Mat left = view(pair.image), right = view(*pair.right_image);
+      if (rectification_) {
+        matcher_->compute(rectification_->left(left), rectification_->right(right), disparity_);
+        rectification_->look_up(disparity_, depth.inverse_depth);
+      } else {
+        matcher_->compute(left, right, disparity_);
+        depth.inverse_depth = inverse_depth();
+      }
     } catch (const cv::Exception& exception) {
       return fail("depth_failed", std::string("stereo matching failed: ") + exception.what());
     }
-    return inverse_depth();
+    return depth;
   }
 
  private:
@@ -37,35 +76,49 @@ class StereoDepth final : public DepthEstimator {
     return {image.height, image.width, CV_8UC1, const_cast<std::uint8_t*>(image.pixels.data())};  // read only
   }
 
-  [[nodiscard]] DepthMap inverse_depth() const {
+  [[nodiscard]] std::vector<float> inverse_depth() const {
     constexpr float pixels_per_unit = 1.0F / int{cv::StereoMatcher::DISP_SCALE};
     const float scale = pixels_per_unit / static_cast<float>(focal_times_baseline_);
-    DepthMap depth{width_, height_, std::vector<float>(static_cast<std::size_t>(width_) * height_)};
-    for (int v = 0; v < height_; ++v) {
-      const auto* disparity = disparity_.ptr<std::int16_t>(v);
-      float* out = depth.inverse_depth.data() + static_cast<std::ptrdiff_t>(v) * width_;
-      // Half a pixel of disparity and less is beyond any LiDAR's range and mostly false matches.
-      for (int u = 0; u < width_; ++u)
-        out[u] = disparity[u] > cv::StereoMatcher::DISP_SCALE / 2 ? static_cast<float>(disparity[u]) * scale
-                                                                  : DepthMap::no_depth;
-    }
-    return depth;
+    std::vector<float> inverse;
+    inverse.reserve(disparity_.total());
+    // Half a pixel of disparity and less is beyond any LiDAR's range and mostly false matches.
+    for (int v = 0; v < disparity_.rows; ++v)
+      for (int u = 0; u < disparity_.cols; ++u) {
+        const int found = disparity_.at<std::int16_t>(v, u);
+        inverse.push_back(found > cv::StereoMatcher::DISP_SCALE / 2 ? static_cast<float>(found) * scale
+                                                                    : DepthMap::no_depth);
+      }
+    return inverse;
   }
 
-  int width_, height_;
+  Camera left_, right_;
   double focal_times_baseline_;
-  cv::Ptr<cv::StereoSGBM> matcher_;
+  std::optional<StereoRectification> rectification_;
+  cv::Ptr<cv::StereoMatcher> matcher_;
   cv::Mat disparity_;
 };
 
 }  // namespace
 
+Result<std::unique_ptr<DepthEstimator>> make_stereo_depth(const Camera& left, const RightCamera& right,
+                                                          StereoMatcher matcher) {
+  try {
+    if (const double baseline_m = -right.T_right_left.translation().x();
+        is_rectified(left, right) && baseline_m >= least_baseline_m && baseline_m <= most_baseline_m)
+      return std::make_unique<StereoDepth>(left, right.camera, left.fx() * baseline_m, std::nullopt, matcher);
+    auto rectification = StereoRectification::make(left, right);
+    if (!rectification) return tl::unexpected(rectification.error());
+    const double focal_times_baseline = rectification->focal_times_baseline();
+    return std::make_unique<StereoDepth>(left, right.camera, focal_times_baseline, std::move(*rectification), matcher);
+  } catch (const cv::Exception& exception) {
+    return fail("bad_camera", std::string("the cameras cannot be made a stereo pair: ") + exception.what());
+  }
+}
+
 Result<std::unique_ptr<DepthEstimator>> make_stereo_depth(const Camera& camera, double baseline_m) {
-  if (!(baseline_m >= 1e-3 && baseline_m <= 10))
-    return fail("bad_camera", "baseline_m is " + std::to_string(baseline_m) + "; 0.001 .. 10 m are possible");
   if (camera.model() != CameraModel::rectified)
-    return fail("bad_camera", "depth source stereo needs rectified images; use model: rectified and image_rect topics");
-  return std::make_unique<StereoDepth>(camera, baseline_m);
+    return fail("bad_camera", "a baseline alone is for rectified images; use model: rectified and image_rect topics");
+  return make_stereo_depth(camera, rectified_right_camera(camera, baseline_m));
 }
 
 }  // namespace calib

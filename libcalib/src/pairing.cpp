@@ -13,10 +13,14 @@ void add_bounded(std::deque<Sample>& samples, Sample sample, std::size_t capacit
 }
 
 /// The sample nearest in time, wherever it stands: order of arrival is not order of stamps.
-template <typename Sample>
-auto nearest(std::deque<Sample>& samples, Timestamp stamp) {
-  return std::ranges::min_element(
-      samples, {}, [&](const Sample& sample) { return std::chrono::abs(sample.stamp - stamp); });
+auto nearest(auto& samples, Timestamp stamp) {
+  return std::ranges::min_element(samples, {},
+                                  [&](const auto& sample) { return std::chrono::abs(sample.stamp - stamp); });
+}
+
+bool has_one_at(const auto& samples, Timestamp stamp) {
+  const auto sample = nearest(samples, stamp);
+  return sample != samples.end() && std::chrono::abs(sample->stamp - stamp) <= PairBuffer::trigger_tolerance;
 }
 
 template <typename Sample>
@@ -26,22 +30,25 @@ void drop_until(std::deque<Sample>& samples, Timestamp stamp) {
 
 }  // namespace
 
-PairBuffer::PairBuffer(std::chrono::nanoseconds max_time_difference, bool with_right_image)
-    : max_time_difference_(max_time_difference), with_right_image_(with_right_image) {}
+PairBuffer::PairBuffer(std::chrono::nanoseconds max_time_difference, Companions companions)
+    : max_time_difference_(max_time_difference), companions_(companions) {}
 
 void PairBuffer::add_image(Image image) { add_bounded(images_, std::move(image), capacity); }
 void PairBuffer::add_right_image(Image image) { add_bounded(right_images_, std::move(image), capacity); }
+void PairBuffer::add_depth(DepthImage depth) { add_bounded(depths_, std::move(depth), capacity); }
 void PairBuffer::add_scan(LidarScan scan) { add_bounded(scans_, std::move(scan), capacity); }
+
+bool PairBuffer::has_companions(Timestamp stamp) const {
+  return (!companions_.right_image || has_one_at(right_images_, stamp)) &&
+         (!companions_.depth || has_one_at(depths_, stamp));
+}
 
 std::optional<FramePair> PairBuffer::take() {
   auto best_image = images_.end();
   auto best_difference = max_time_difference_;
   if (scans_.empty()) return std::nullopt;
   for (auto image = images_.begin(); image != images_.end(); ++image) {
-    if (with_right_image_) {
-      const auto right = nearest(right_images_, image->stamp);
-      if (right == right_images_.end() || std::chrono::abs(right->stamp - image->stamp) > stereo_tolerance) continue;
-    }
+    if (!has_companions(image->stamp)) continue;
     const auto difference = std::chrono::abs(nearest(scans_, image->stamp)->stamp - image->stamp);
     if (difference <= best_difference) {
       best_difference = difference;
@@ -52,24 +59,38 @@ std::optional<FramePair> PairBuffer::take() {
 
   FramePair pair;
   pair.scan = std::move(*nearest(scans_, best_image->stamp));
-  if (with_right_image_) pair.right_image = std::move(*nearest(right_images_, best_image->stamp));
+  if (companions_.right_image) pair.right_image = std::move(*nearest(right_images_, best_image->stamp));
+  if (companions_.depth) pair.depth = std::move(*nearest(depths_, best_image->stamp));
   pair.image = std::move(*best_image);
   drop_until(scans_, pair.scan.stamp);
-  drop_until(right_images_, pair.image.stamp + stereo_tolerance);
+  drop_until(right_images_, pair.image.stamp + trigger_tolerance);
+  drop_until(depths_, pair.image.stamp + trigger_tolerance);
   drop_until(images_, pair.image.stamp);
   return pair;
 }
 
 Error PairBuffer::why_none() const {
-  if (images_.empty()) return {"sensor_silent", "no image arrived; is the camera's driver running, and the topic right?"};
-  if (scans_.empty()) return {"sensor_silent", "no point cloud arrived; is the LiDAR's driver running, and the topic right?"};
-  if (with_right_image_ && right_images_.empty())
-    return {"right_image_missing", "no right image arrived; is the right camera's driver running, and the topic right?"};
+  if (images_.empty())
+    return {"sensor_silent", "no image arrived; is the camera's driver running, and the topic right?"};
+  if (scans_.empty())
+    return {"sensor_silent", "no point cloud arrived; is the LiDAR's driver running, and the topic right?"};
+  if (companions_.right_image && right_images_.empty())
+    return {"right_image_missing",
+            "no right image arrived; is the right camera's driver running, and the topic right?"};
+  if (companions_.depth && depths_.empty())
+    return {"depth_missing", "no depth arrived; is what makes it running, and the topic right?"};
   auto smallest = std::chrono::nanoseconds::max();
   for (const Image& image : images_)
     for (const LidarScan& scan : scans_) smallest = std::min(smallest, std::chrono::abs(scan.stamp - image.stamp));
-  if (smallest <= max_time_difference_)
-    return {"right_image_missing", "no right image has the stamp of a left one (within 5 ms); are they triggered together?"};
+  if (smallest <= max_time_difference_) {
+    const bool no_right = companions_.right_image && std::ranges::none_of(images_, [&](const Image& image) {
+                            return has_one_at(right_images_, image.stamp);
+                          });
+    if (no_right || !companions_.depth)
+      return {"right_image_missing",
+              "no right image has the stamp of a left one (within 5 ms); are they triggered together?"};
+    return {"depth_missing", "no depth has the stamp of an image (within 5 ms); is it made of this camera's images?"};
+  }
   return {"time_difference",
           "image and point cloud are at least " +
               std::to_string(std::chrono::duration_cast<std::chrono::milliseconds>(smallest).count()) +

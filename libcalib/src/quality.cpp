@@ -1,5 +1,6 @@
 #include "calib/quality.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -8,6 +9,12 @@ namespace calib {
 namespace {
 
 constexpr int thumbnail_width = 48, thumbnail_height = 24;
+
+/// Pixels at the sensor's limits tell nothing when everything within this reach is at the same limit.
+constexpr int flat_reach = 2;
+
+/// 1 for white, -1 for black, 0 for what holds a measurement.
+int clipped_as(std::uint8_t grey) { return grey >= 254 ? 1 : grey <= 1 ? -1 : 0; }
 
 std::string two_decimals(double value) {
   char text[32];
@@ -37,8 +44,7 @@ SceneThumbnail thumbnail(const Image& image) {
       const int v0 = j * image.height / thumbnail_height, v1 = (j + 1) * image.height / thumbnail_height;
       int sum = 0, count = 0;
       for (int v = v0; v < v1; v += 2)
-        for (int u = u0; u < u1; u += 2, ++count)
-          sum += image.pixels[static_cast<std::size_t>(v) * image.width + u];
+        for (int u = u0; u < u1; u += 2, ++count) sum += image.pixels[static_cast<std::size_t>(v) * image.width + u];
       result.grey.push_back(static_cast<std::uint8_t>(count > 0 ? sum / count : 0));
     }
   return result;
@@ -49,8 +55,8 @@ Result<void> check_pair(const FramePair& pair, const Camera& camera, const Scene
   const Image& image = pair.image;
   if (image.width != camera.width() || image.height != camera.height())
     return fail("image_size_mismatch", "the image is " + std::to_string(image.width) + " x " +
-                                            std::to_string(image.height) + ", the configured camera " +
-                                            std::to_string(camera.width()) + " x " + std::to_string(camera.height()));
+                                           std::to_string(image.height) + ", the configured camera " +
+                                           std::to_string(camera.width()) + " x " + std::to_string(camera.height()));
   constexpr int step = 4;
   double grey = 0, saturated = 0, texture = 0;
   std::size_t count = 0;
@@ -73,6 +79,29 @@ Result<void> check_pair(const FramePair& pair, const Camera& camera, const Scene
   if (pair.scan.points.size() < static_cast<std::size_t>(limits.min_points))
     return fail("low_overlap", "the scan has only " + std::to_string(pair.scan.points.size()) + " points");
   return {};
+}
+
+void mask_depth(const Image& image, const DepthRange& range, DepthMap& depth) {
+  const auto far = static_cast<float>(range.max_m > 0 ? 1 / range.max_m : 0);
+  const auto near = range.min_m > 0 ? static_cast<float>(1 / range.min_m) : std::numeric_limits<float>::infinity();
+  for (float& inverse : depth.inverse_depth)
+    if (!(inverse >= far && inverse <= near)) inverse = DepthMap::no_depth;
+  if (image.width != depth.width || image.height != depth.height) return;
+
+  const auto flat = [&](int u, int v) {
+    const auto clipped = [&](int x, int y) {
+      return clipped_as(image.pixels[static_cast<std::size_t>(y) * image.width + x]);
+    };
+    const int kind = clipped(u, v);
+    if (kind == 0) return false;
+    for (int y = std::max(v - flat_reach, 0); y <= std::min(v + flat_reach, image.height - 1); ++y)
+      for (int x = std::max(u - flat_reach, 0); x <= std::min(u + flat_reach, image.width - 1); ++x)
+        if (clipped(x, y) != kind) return false;
+    return true;
+  };
+  for (int v = 0; v < image.height; ++v)
+    for (int u = 0; u < image.width; ++u)
+      if (flat(u, v)) depth.inverse_depth[static_cast<std::size_t>(v) * depth.width + u] = DepthMap::no_depth;
 }
 
 Result<void> check_depth(const DepthMap& depth, const QualityLimits& limits) {

@@ -26,7 +26,7 @@ TEST_CASE("whatever the order of arrival, the pair nearest in time comes out") {
   std::mt19937 random(1);
   for (int trial = 0; trial < 2000; ++trial) {
     std::ranges::shuffle(arrivals, random);
-    PairBuffer buffer(40ms, true);
+    PairBuffer buffer(40ms, {.right_image = true});
     for (const auto& [kind, stamp] : arrivals)
       kind == 'i'   ? buffer.add_image(image_at(stamp))
       : kind == 'r' ? buffer.add_right_image(image_at(stamp))
@@ -48,7 +48,7 @@ TEST_CASE("whatever the order of arrival, the pair nearest in time comes out") {
 
 TEST_CASE("swapping which sensor is early changes the sign of the difference and nothing else") {
   for (const auto lead : {0ms, 7ms, 25ms}) {
-    PairBuffer a(25ms, false), b(25ms, false);
+    PairBuffer a(25ms, {}), b(25ms, {});
     a.add_image(image_at(1s));
     a.add_scan(scan_at(1s + lead));
     b.add_image(image_at(1s + lead));
@@ -61,7 +61,7 @@ TEST_CASE("swapping which sensor is early changes the sign of the difference and
 
 TEST_CASE("the tolerance belongs to the pairs, and a nanosecond more does not") {
   for (const bool within : {true, false}) {
-    PairBuffer buffer(25ms, false);
+    PairBuffer buffer(25ms, {});
     buffer.add_image(image_at(1s));
     buffer.add_scan(scan_at(1s + 25ms + (within ? 0ns : 1ns)));
     CHECK(buffer.take().has_value() == within);
@@ -69,7 +69,7 @@ TEST_CASE("the tolerance belongs to the pairs, and a nanosecond more does not") 
 }
 
 TEST_CASE("a sensor that runs on alone costs no memory: only its latest samples can still be paired") {
-  PairBuffer buffer(1ms, false);
+  PairBuffer buffer(1ms, {});
   for (int i = 0; i < 1000; ++i) buffer.add_image(image_at(i * 100ms));
   PairBuffer old = buffer;
   old.add_scan(scan_at(900 * 100ms));
@@ -86,7 +86,7 @@ TEST_CASE("why there is no pair names the sensor that is to blame") {
     CHECK(error.code == code);
     CHECK_THAT(error.context, Catch::Matchers::ContainsSubstring(word));
   };
-  PairBuffer buffer(25ms, true);
+  PairBuffer buffer(25ms, {.right_image = true});
   says(buffer, "sensor_silent", "camera");
   buffer.add_image(image_at(1s));
   says(buffer, "sensor_silent", "LiDAR");
@@ -102,6 +102,29 @@ TEST_CASE("why there is no pair names the sensor that is to blame") {
 }
 
 TEST_CASE("an empty buffer gives no pair") {
-  CHECK_FALSE(PairBuffer(1s, false).take());
-  CHECK_FALSE(PairBuffer(1s, true).take());
+  CHECK_FALSE(PairBuffer(1s, {}).take());
+  CHECK_FALSE(PairBuffer(1s, {.right_image = true}).take());
+}
+
+TEST_CASE("depth belongs to the image of its own moment, and is told when it is missing") {
+  const auto says = [](const PairBuffer& buffer, const char* word) {
+    CHECK(buffer.why_none().code == "depth_missing");
+    CHECK_THAT(buffer.why_none().context, Catch::Matchers::ContainsSubstring(word));
+  };
+  PairBuffer buffer(25ms, {.depth = true});
+  buffer.add_image(image_at(1s));
+  buffer.add_scan(scan_at(1s));
+  says(buffer, "no depth arrived");
+  buffer.add_depth({1006ms, 1, 1, {6}});
+  CHECK_FALSE(buffer.take());
+  says(buffer, "stamp of an image");
+  buffer.add_depth({1005ms, 1, 1, {5}});
+  const auto pair = buffer.take();
+  REQUIRE(pair);
+  CHECK(pair->depth->inverse_depth == std::vector<float>{5});
+  buffer.add_image(image_at(1006ms));
+  buffer.add_scan(scan_at(1006ms));
+  const auto next = buffer.take();  // what is younger than the image taken is still there
+  REQUIRE(next);
+  CHECK(next->depth->stamp == 1006ms);
 }

@@ -52,8 +52,8 @@ TEST_CASE("a street by day passes, and each thing that is wrong with a pair has 
 TEST_CASE("every refusal names the value and its limit") {
   const auto dark = check_pair(pair_of([](int, int) { return 7; }), camera(), nullptr, {});
   REQUIRE_FALSE(dark);
-  CHECK_THAT(dark.error().context, Catch::Matchers::ContainsSubstring("7.00") &&
-                                       Catch::Matchers::ContainsSubstring("20.00"));
+  CHECK_THAT(dark.error().context,
+             Catch::Matchers::ContainsSubstring("7.00") && Catch::Matchers::ContainsSubstring("20.00"));
 }
 
 TEST_CASE("a vehicle that stands is told from one that moves, whatever the noise, whichever came first") {
@@ -82,4 +82,31 @@ TEST_CASE("depth is good from the limit on, and values that are no depth do not 
   depth.inverse_depth[14] = 0.1F;
   CHECK(check_depth(depth, {}));
   CHECK(check_depth(DepthMap{}, {}).error().code == "few_valid_depth");
+}
+
+TEST_CASE("depth out of range, and of places that are blown out or drowned, is masked; everything else stays") {
+  FramePair pair = pair_of(street);
+  DepthMap depth{width, height, std::vector<float>(width * height, 0.1F)};
+  const auto paint = [&](int u0, int v0, int size, std::uint8_t grey) {
+    for (int v = v0; v < v0 + size; ++v)
+      for (int u = u0; u < u0 + size; ++u) pair.image.pixels[v * width + u] = grey;
+  };
+  paint(20, 20, 20, 255);
+  paint(60, 20, 20, 0);
+  paint(100, 20, 3, 255);  // a lamp: its depth is known from around it
+  depth.inverse_depth[0] = 3;
+  depth.inverse_depth[1] = 0.004F;
+  depth.inverse_depth[2] = std::numeric_limits<float>::quiet_NaN();
+  depth.inverse_depth[3] = DepthMap::no_depth;
+  DepthMap masked = depth;
+  mask_depth(pair.image, {0.5, 200}, masked);
+  for (const int i : {0, 1, 2, 3}) CHECK(masked.inverse_depth[i] == DepthMap::no_depth);
+  const auto at = [&](int u, int v) { return masked.inverse_depth[v * width + u]; };
+  CHECK((at(30, 30) == 0 && at(70, 30) == 0));
+  CHECK((at(20, 20) > 0 && at(101, 21) > 0));  // the border of what is blown out still has an edge to go by
+  CHECK(masked.valid_share() == Approx(1 - (4 + 2 * 16 * 16) / double{width * height}));
+
+  DepthMap relative = depth;
+  mask_depth(pair_of(street).image, {}, relative);
+  CHECK((relative.inverse_depth[0] == 3 && relative.inverse_depth[1] == 0.004F));
 }

@@ -23,6 +23,15 @@ struct Image {
   std::vector<std::uint8_t> rgb = {};
 };
 
+/// Depth that came from outside, in the frame and pixels of the camera that made it: inverse depth (1/m) along the
+/// optical axis, row-major, 0 where there is none.
+struct DepthImage {
+  Timestamp stamp{};
+  int width = 0;
+  int height = 0;
+  std::vector<float> inverse_depth;
+};
+
 /// One LiDAR return in the LiDAR frame.
 struct LidarPoint {
   float x_m, y_m, z_m;
@@ -36,11 +45,13 @@ struct LidarScan {
   std::vector<LidarPoint> points;
 };
 
-/// An image, the scan taken at nearly the same time, and the right image when the pair has a stereo camera.
+/// An image, the scan taken at nearly the same time, and what was taken with the image: the right one of a stereo
+/// camera, or depth.
 struct FramePair {
   Image image;
   std::optional<Image> right_image;
   LidarScan scan;
+  std::optional<DepthImage> depth = {};
   /// Scan stamp minus image stamp.
   [[nodiscard]] std::chrono::nanoseconds time_difference() const { return scan.stamp - image.stamp; }
 };

@@ -20,6 +20,7 @@ struct QualityLimits {
   double min_texture = 3;            // `low_texture`: mean absolute grey difference of pixels four apart
   double min_scene_change = 2;       // `standing_still`: mean absolute grey difference to the last evaluated image
   double min_valid_depth = 0.15;     // `few_valid_depth`: share of the image
+  DepthRange depth_range;            // depth outside it is none
   int min_points = 1000;             // `low_overlap`: LiDAR points that land on valid depth
 };
 
@@ -34,6 +35,10 @@ struct SceneThumbnail {
 /// `low_overlap` (no points).
 [[nodiscard]] Result<void> check_pair(const FramePair& pair, const Camera& camera, const SceneThumbnail* last,
                                       const QualityLimits& limits);
+
+/// Takes depth from the pixels that cannot have any: where it is out of range, and where the image is blown out or
+/// drowned in black over more than a pixel or two, so that whatever stands there was guessed.
+void mask_depth(const Image& image, const DepthRange& range, DepthMap& depth);
 
 /// `few_valid_depth`.
 [[nodiscard]] Result<void> check_depth(const DepthMap& depth, const QualityLimits& limits);
