@@ -25,70 +25,70 @@ struct Optimum {
 
 /// All six parameters from near the optimum. Tiles say whether the depth is biased across the image: the rotation that
 /// they alone would choose is then another one. Depth of the whole image counts for little in that case.
-Result<Optimum> finish_six(Search& search, const RigidTransform& T_near) {
+Result<Optimum> finish_six(SearchSteps& steps, const RigidTransform& T_near) {
   constexpr double same_rotation_rad = 0.1 * radians_per_degree;
   const Objective whole = final_objective(Method::standard, {true, true, true, true, true, true});
   const Objective hill = objective_of({{.ranks_per_class = 8}});
-  const Matrix6 directions = search.hill_directions(T_near, objective_of({{.ranks_per_class = 8}}, 2));
-  const auto T_hill = search.maximise_along(T_near, directions, hill);
+  const Matrix6 directions = steps.hill_directions(T_near, objective_of({{.ranks_per_class = 8}}, 2));
+  const auto T_hill = steps.maximise_along(T_near, directions, hill);
   if (!T_hill) return tl::unexpected(T_hill.error());
-  const auto found = search.maximise_along(*T_hill, directions, whole);
+  const auto found = steps.maximise_along(*T_hill, directions, whole);
   if (!found) return tl::unexpected(found.error());
   const auto by_tiles =
-      search.maximise(*found, 3, 0.3, final_objective(Method::standard, {true, true, true, false, false, false}), 25);
+      steps.maximise(*found, 3, 0.3, final_objective(Method::standard, {true, true, true, false, false, false}), 25);
   if (!by_tiles) return tl::unexpected(by_tiles.error());
   if (rotation_angle_rad(found->inverse() * *by_tiles) < same_rotation_rad) return Optimum{*found, whole};
   Objective distrustful = whole;
   distrustful.terms[0].weight = 0.1;
-  const auto again = search.maximise_along(*by_tiles, directions, distrustful);
+  const auto again = steps.maximise_along(*by_tiles, directions, distrustful);
   if (!again) return tl::unexpected(again.error());
   return Optimum{*again, distrustful, true};
 }
 
-Result<Optimum> search_standard(Search& search, const RigidTransform& T_start, const SearchSettings& settings) {
-  const int parameters = search.parameters();
+Result<Optimum> search_standard(SearchSteps& steps, const RigidTransform& T_start, const SearchSettings& settings) {
+  const int parameters = steps.parameters();
   RigidTransform T = T_start;
   SearchBounds bounds = settings.bounds;
   if (settings.any_orientation) bounds.rotation_rad = std::numbers::pi;
-  search.view().look_about(T, bounds);
+  steps.view().look_about(T, bounds);
   if (parameters != 0 && (settings.any_orientation || settings.bounds.rotation_rad > 2.5 * radians_per_degree)) {
-    const auto found = search.coarse();
+    const auto found = steps.coarse();
     if (!found) return tl::unexpected(found.error());
     T = *found;
-    search.view().look_about(T, {15 * radians_per_degree, settings.bounds.translation_m});
+    steps.view().look_about(T, {15 * radians_per_degree, settings.bounds.translation_m});
   }
   for (const int stage : parameters == 6 ? std::vector<int>{3, 6} : std::vector<int>{parameters}) {
     const Objective hill = objective_of({{.ranks_per_class = 8}}, stage == 6 ? 2 : 4);  // translation needs more points
-    const auto better = search.maximise(T, stage, 0.7, hill);
+    const auto better = steps.maximise(T, stage, 0.7, hill);
     if (!better) return tl::unexpected(better.error());
     T = *better;
-    search.tell(stage == parameters ? 0.7 : 0.6);
+    steps.tell(stage == parameters ? 0.7 : 0.6);
   }
-  search.view().look_about(T, still_open(settings, parameters));
-  if (parameters == 6) return finish_six(search, T);
+  steps.view().look_about(T, still_open(settings, parameters));
+  if (parameters == 6) return finish_six(steps, T);
   const Objective top = final_objective(Method::standard, settings.released);
-  const auto found = search.maximise_again(T, parameters, 0.3, top);
+  const auto found = steps.maximise_again(T, parameters, 0.3, top);
   if (!found) return tl::unexpected(found.error());
   return Optimum{*found, top};
 }
 
 /// As the paper does it: the six parameters themselves, from the start, with the optimiser's usual first step of a
 /// quarter of the room.
-Result<Optimum> search_as_published(Search& search, const RigidTransform& T_start, Method method,
+Result<Optimum> search_as_published(SearchSteps& steps, const RigidTransform& T_start, Method method,
                                     const SearchSettings& settings) {
   double first_step = std::numeric_limits<double>::infinity();
   for (int axis = 0; axis < 6; ++axis)
-    if (settings.released[axis]) first_step = std::min(first_step, search.room(axis) / 4);
+    if (settings.released[axis]) first_step = std::min(first_step, steps.room(axis) / 4);
   const Objective top = final_objective(method, settings.released);
   if (method != Method::i2i_nmi) {
-    const auto found = search.maximise(T_start, 0, first_step, top);
+    const auto found = steps.maximise(T_start, 0, first_step, top);
     if (!found) return tl::unexpected(found.error());
     return Optimum{*found, top};
   }
   const Objective hill = objective_of({{FeaturePair::intensity, 1, 8, true}});
-  const auto near = search.maximise(T_start, 0, first_step, hill);
+  const auto near = steps.maximise(T_start, 0, first_step, hill);
   if (!near) return tl::unexpected(near.error());
-  const auto found = search.maximise_again(*near, 0, std::min(first_step, 0.3), top);
+  const auto found = steps.maximise_again(*near, 0, std::min(first_step, 0.3), top);
   if (!found) return tl::unexpected(found.error());
   return Optimum{*found, top};
 }
@@ -120,17 +120,17 @@ Result<SearchResult> search(Frames frames, const RigidTransform& T_camera_lidar,
   if (std::ranges::none_of(settings.released, [](bool axis) { return axis; }))
     return fail("search_failed", "no axis is released");
   if (!T_camera_lidar.matrix().allFinite()) return fail("search_failed", "the extrinsic is not a number");
-  Search search(frames, T_camera_lidar, settings);
-  if (settings.any_orientation && search.parameters() == 0)
+  SearchSteps steps(frames, T_camera_lidar, settings);
+  if (settings.any_orientation && steps.parameters() == 0)
     return fail("search_failed",
                 "for any orientation roll, pitch and yaw must be released, and all of x, y, z or none");
-  const auto found = method == Method::standard ? search_standard(search, T_camera_lidar, settings)
-                                                : search_as_published(search, T_camera_lidar, method, settings);
+  const auto found = method == Method::standard ? search_standard(steps, T_camera_lidar, settings)
+                                                : search_as_published(steps, T_camera_lidar, method, settings);
   if (!found) return tl::unexpected(found.error());
 
   SearchResult result;
   result.T_camera_lidar = found->T;
-  result.delta = search.delta_of(found->T);
+  result.delta = steps.delta_of(found->T);
   result.objective = found->objective;
   result.depth_is_biased = found->depth_is_biased;
   const Score before = mean_score(frames, T_camera_lidar, found->objective);
@@ -139,14 +139,14 @@ Result<SearchResult> search(Frames frames, const RigidTransform& T_camera_lidar,
     return fail("search_failed", "hardly a LiDAR point is in view; do camera and LiDAR look the same way?");
   result.score_before = before.value;
   result.score_after = after.value;
-  result.evaluations = search.evaluations();
-  result.reason = search.exhausted() ? "the optimiser's last run was cut short" : "converged";
+  result.evaluations = steps.evaluations();
+  result.reason = steps.exhausted() ? "the optimiser's last run was cut short" : "converged";
   for (int axis = settings.any_orientation ? 3 : 0; axis < 6; ++axis)
-    if (settings.released[axis] && std::abs(result.delta[axis]) > 0.98 * search.limit(axis)) {
+    if (settings.released[axis] && std::abs(result.delta[axis]) > 0.98 * steps.limit(axis)) {
       result.reason = "ends at the limit of " + std::string(axis_names[axis]);
       result.ends_at_limit = true;
     }
-  search.tell(1);
+  steps.tell(1);
   return result;
 }
 

@@ -45,7 +45,7 @@ Objective objective_of(std::initializer_list<Term> terms, int stride) {
   return objective;
 }
 
-double Search::value(const RigidTransform& T, const Objective& objective) {
+double SearchSteps::value(const RigidTransform& T, const Objective& objective) {
   ++evaluations_;
   const Vector6 delta = delta_of(T);
   double outside = 0;
@@ -54,14 +54,14 @@ double Search::value(const RigidTransform& T, const Objective& objective) {
   return mean_score(view_.frames(), T, objective).value - outside;
 }
 
-int Search::parameters() const {
+int SearchSteps::parameters() const {
   if (!all(settings_.released, 0, 3)) return 0;
   if (all(settings_.released, 3, 6)) return 6;
   return std::none_of(settings_.released.begin() + 3, settings_.released.end(), [](bool axis) { return axis; }) ? 3 : 0;
 }
 
-Result<RigidTransform> Search::maximise_again(RigidTransform T, int parameters, double first_step,
-                                              const Objective& objective) {
+Result<RigidTransform> SearchSteps::maximise_again(RigidTransform T, int parameters, double first_step,
+                                                   const Objective& objective) {
   double last = value(T, objective);
   for (int pass = 0; pass < 3; ++pass) {
     const auto better = maximise(T, parameters, first_step, objective);
@@ -74,7 +74,7 @@ Result<RigidTransform> Search::maximise_again(RigidTransform T, int parameters, 
   return T;
 }
 
-Result<RigidTransform> Search::coarse() {
+Result<RigidTransform> SearchSteps::coarse() {
   constexpr double wide_rad = 6 * radians_per_degree;
   const double reach = settings_.any_orientation ? std::numbers::pi : settings_.bounds.rotation_rad;
   const double spacing = std::clamp(reach / 5, 1.5 * radians_per_degree, 7.5 * radians_per_degree);
@@ -115,8 +115,8 @@ Result<RigidTransform> Search::coarse() {
   return std::ranges::max_element(best, {}, &Place::value)->T;
 }
 
-Result<void> Search::optimise(std::vector<double> x, const std::vector<double>& room, const Run& run,
-                              const std::function<double(const std::vector<double>&)>& objective) {
+Result<void> SearchSteps::optimise(std::vector<double> x, const std::vector<double>& room, const Run& run,
+                                   const std::function<double(const std::vector<double>&)>& objective) {
   const auto inside = [&](const std::vector<double>& at) {  // BOBYQA may step a little over its bounds
     std::vector<double> clamped = at;
     for (std::size_t i = 0; i < at.size(); ++i) clamped[i] = std::clamp(at[i], -room[i], room[i]);
@@ -146,8 +146,8 @@ Result<void> Search::optimise(std::vector<double> x, const std::vector<double>& 
   return {};
 }
 
-Result<RigidTransform> Search::maximise(const RigidTransform& T_base, int parameters, double first_step,
-                                        const Objective& objective, int budget) {
+Result<RigidTransform> SearchSteps::maximise(const RigidTransform& T_base, int parameters, double first_step,
+                                             const Objective& objective, int budget) {
   const Eigen::Vector3d pivot = parameters == 6
                                     ? Eigen::Vector3d(T_base.inverse() * Eigen::Vector3d(0, 0, pivot_distance_m))
                                     : Eigen::Vector3d(0, 0, 0);
@@ -182,7 +182,7 @@ Result<RigidTransform> Search::maximise(const RigidTransform& T_base, int parame
   return best;
 }
 
-Matrix6 Search::hill_directions(const RigidTransform& T, const Objective& objective) {
+Matrix6 SearchSteps::hill_directions(const RigidTransform& T, const Objective& objective) {
   constexpr double step = 0.35, same_loss = 3e-4, longest = 1.5;
   const auto at = [&](const Vector6& units) { return value(moved(T, units), objective); };
   const double here = at(Vector6::Zero());
@@ -205,8 +205,8 @@ Matrix6 Search::hill_directions(const RigidTransform& T, const Objective& object
   return hill.eigenvectors() * length.asDiagonal();
 }
 
-Result<RigidTransform> Search::maximise_along(const RigidTransform& T_base, const Matrix6& directions,
-                                              const Objective& objective) {
+Result<RigidTransform> SearchSteps::maximise_along(const RigidTransform& T_base, const Matrix6& directions,
+                                                   const Objective& objective) {
   const std::vector<double> room(6, 30);
   RigidTransform best = T_base;
   double best_value = value(T_base, objective);

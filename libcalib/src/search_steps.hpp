@@ -43,9 +43,9 @@ class View {
 };
 
 /// The steps that searches are made of.
-class Search {
+class SearchSteps {
  public:
-  Search(Frames frames, const RigidTransform& T_start, const SearchSettings& settings)
+  SearchSteps(Frames frames, const RigidTransform& T_start, const SearchSettings& settings)
       : view_(frames), T_start_(T_start), settings_(settings) {}
 
   View& view() { return view_; }
