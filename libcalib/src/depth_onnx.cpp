@@ -16,11 +16,9 @@ namespace {
 Result<Image> read_golden_image(const std::filesystem::path& file) {
   cv::Mat bgr, rgb, grey;
   try {
+    grey = cv::imread(file.string(), cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
     bgr = cv::imread(file.string(), cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION);
-    if (!bgr.empty()) {
-      cv::cvtColor(bgr, rgb, cv::COLOR_BGR2RGB);
-      cv::cvtColor(bgr, grey, cv::COLOR_BGR2GRAY);
-    }
+    if (!bgr.empty()) cv::cvtColor(bgr, rgb, cv::COLOR_BGR2RGB);
   } catch (const cv::Exception&) {  // a damaged header; reported below
   }
   if (rgb.empty()) return fail("depth_failed", "depth model self-test failed: " + file.string() + " is no image");

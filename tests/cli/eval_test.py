@@ -310,6 +310,39 @@ def test_stereo_depth_without_right_images_is_told(evaluate, fisheye):
     assert "right images" in refusal(evaluate("calibrate", *fisheye[:4], "--depth", "stereo"))
 
 
+@pytest.fixture(scope="module")
+def networks(bin_dir):
+    """Small networks that take brightness for nearness, and broken ones: see support/make_depth_models.py."""
+    return bin_dir.parent / "tests/depth_models"
+
+
+def test_depth_from_a_network_is_the_same_with_any_number_of_threads(evaluate, stereo, networks, tmp_path):
+    scores = []
+    for threads in (1, 2):
+        ended = evaluate("curve", *stereo[:4], "--depth", f"onnx:{networks / 'depth_anything.yaml'}", "--points", 3, "--dof", 3,
+                         "--frames", 3, "--threads", threads, "--json", tmp_path / "c.json")
+        assert ended.exit == DONE and not ended.err, ended.err
+        result = json.loads((tmp_path / "c.json").read_text())
+        assert result["recording"]["depth"]["source"].startswith("onnx:") and len(result["recording"]["frames"]) == 3
+        scores.append([curve["score"] for curve in result["curves"]])
+    assert scores[0] == scores[1]
+
+
+def test_a_network_that_nothing_proves_is_told(evaluate, fisheye, networks):
+    ended = evaluate("curve", *fisheye[:4], "--depth", f"onnx:{networks / 'good.yaml'}", "--points", 3, "--dof", 3)
+    assert ended.exit == DONE and "good.yaml names no golden pair" in ended.err
+
+
+def test_a_wrong_network_is_told(evaluate, fisheye, networks, tmp_path):
+    def told(descriptor):
+        return refusal(evaluate("curve", *fisheye[:4], "--depth", f"onnx:{descriptor}", "--points", 3))
+
+    assert "nowhere.yaml: cannot be read" in told(tmp_path / "nowhere.yaml")
+    (tmp_path / "wrong.yaml").write_text("file: x.onnx\nsha: 12\n")
+    assert f"{tmp_path}/wrong.yaml:2: sha: unknown key" in told(tmp_path / "wrong.yaml")
+    assert "external.onnx: keeps its weights in other files" in told(networks / "external.yaml")
+
+
 def test_a_result_that_cannot_be_written_is_told(evaluate, fisheye, tmp_path):
     ended = evaluate("curve", *fisheye, "--points", 3, "--json", tmp_path / "missing" / "c.json")
     assert "cannot be written" in refusal(ended)

@@ -263,3 +263,21 @@ TEST_CASE("a written list reads back as it was") {
   write_file(folder.path() / "file", "");
   CHECK(ListWriter::create(folder.path() / "file/out", camera, T_camera_lidar).error().code == "write_failed");
 }
+
+TEST_CASE("images are read in colour when that is asked for and the file has it, and their grey is the same") {
+  const test::TemporaryFolder folder;
+  // Red, green, blue and grey, two rows of them; PPM and PGM are as plain as files of pixels can be.
+  const std::string row("\xff\0\0\0\xff\0\0\0\xff\x80\x80\x80", 12);
+  write_file(folder.path() / "colour.ppm", "P6 4 2 255\n" + row + row);
+  const Image colour = test::require_ok(read_image(folder.path() / "colour.ppm", Colours::rgb));
+  CHECK(std::string(colour.rgb.begin(), colour.rgb.end()) == row + row);
+  const Image grey = test::require_ok(read_image(folder.path() / "colour.ppm"));
+  CHECK(grey.rgb.empty());
+  CHECK(grey.pixels == colour.pixels);
+  CHECK(grey.pixels == std::vector<std::uint8_t>{76, 150, 29, 128, 76, 150, 29, 128});
+
+  write_file(folder.path() / "grey.pgm", "P5 2 1 255\n\x10\x20");
+  const Image plain = test::require_ok(read_image(folder.path() / "grey.pgm", Colours::rgb));
+  CHECK(plain.rgb.empty());
+  CHECK(plain.pixels == std::vector<std::uint8_t>{0x10, 0x20});
+}

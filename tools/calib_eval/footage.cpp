@@ -1,7 +1,11 @@
 #include "calib_eval/footage.hpp"
 
+#include <mutex>
+
+#include "calib/depth_onnx.hpp"
 #include "calib/depth_stereo.hpp"
 #include "calib/extrinsic_check.hpp"
+#include "calib/quality.hpp"
 #include "calib_eval/parallel.hpp"
 #include "dataset/depth_files.hpp"
 
@@ -16,9 +20,29 @@ Result<Recording> open(const FootageOptions& options) {
   return open_list(options.root);
 }
 
-Result<DepthMap> depth_of(const FootageOptions& options, const Recording& recording, const std::string& name,
-                          const FramePair& pair) {
+/// Of frames that are read side by side; nothing where depth is not from a network.
+struct Network {
+  std::unique_ptr<DepthEstimator> estimator;
+  std::mutex in_use;
+};
+
+/// Returns the remark of `DepthEstimator::prepare`.
+Result<std::string> open(Network& network, const FootageOptions& options, const Camera& camera) {
+  constexpr std::string_view prefix = "onnx:";
+  if (!options.depth.starts_with(prefix)) return std::string();
+  auto estimator = make_onnx_depth(options.depth.substr(prefix.size()), camera, {.threads = options.threads});
+  if (!estimator) return tl::unexpected(estimator.error());
+  network.estimator = *std::move(estimator);
+  return network.estimator->prepare();
+}
+
+Result<DepthMap> depth_of(const FootageOptions& options, const Recording& recording, Network& network,
+                          const std::string& name, const FramePair& pair) {
   const auto unbiased = [&]() -> Result<DepthMap> {
+    if (network.estimator) {
+      const std::scoped_lock lock(network.in_use);
+      return network.estimator->estimate(pair);
+    }
     if (options.depth == "stereo") {
       // One for each frame, as they keep scratch memory and frames are read side by side.
       const auto stereo = make_stereo_depth(recording.camera(), *recording.baseline_m());
@@ -42,15 +66,16 @@ struct Reading {
   std::optional<Error> useless;
 };
 
-Reading read_frame(const FootageOptions& options, const Recording& recording, std::size_t index) {
+Reading read_frame(const FootageOptions& options, const Recording& recording, Network& network, std::size_t index) {
   Reading reading;
-  reading.pair = recording.frame(index);
+  reading.pair = recording.frame(index, network.estimator ? Colours::rgb : Colours::grey);
   if (!reading.pair) return reading;
-  reading.depth = depth_of(options, recording, recording.frame_name(index), *reading.pair);
+  reading.depth = depth_of(options, recording, network, recording.frame_name(index), *reading.pair);
   if (!reading.depth) {
     reading.useless = reading.depth.error();
     return reading;
   }
+  mask_depth(reading.pair->image, {}, *reading.depth);
   const auto features =
       make_features(*reading.pair, *reading.depth, recording.camera(), recording.T_camera_lidar(), {});
   if (!features) reading.useless = features.error();
@@ -71,14 +96,18 @@ Result<Footage> Footage::read(const FootageOptions& options) {
   const auto recording = open(options);
   if (!recording) return tl::unexpected(recording.error());
   if (options.depth == "stereo" && !recording->has_stereo())
-    return fail("stereo_missing", options.root.string() + " has no right images, or no baseline is known: stereo depth "
-                                                          "needs both; give depth files (--depth-dir) instead");
+    return fail("stereo_missing", options.root.string() +
+                                      " has no right images, or no baseline is known: stereo depth "
+                                      "needs both; give depth files (--depth-dir) instead");
+  Network network;
+  auto remark = open(network, options, recording->camera());
+  if (!remark) return tl::unexpected(remark.error());
   const auto indices = spread_evenly(recording->size(), static_cast<std::size_t>(options.frames));
   std::vector<Reading> readings(indices.size());
   parallel_for(indices.size(), options.threads,
-               [&](std::size_t i) { readings[i] = read_frame(options, *recording, indices[i]); });
+               [&](std::size_t i) { readings[i] = read_frame(options, *recording, network, indices[i]); });
 
-  Footage footage{recording->camera(), recording->T_camera_lidar(), {}, {}};
+  Footage footage{recording->camera(), recording->T_camera_lidar(), {}, {}, *std::move(remark)};
   for (std::size_t i = 0; i < indices.size(); ++i) {
     Reading& reading = readings[i];
     if (!reading.pair) return tl::unexpected(reading.pair.error());

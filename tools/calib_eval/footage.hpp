@@ -16,7 +16,7 @@ struct FootageOptions {
   std::string dataset;  // kitti-raw, kitti-360 or list
   std::filesystem::path root;
   std::string drive, camera;  // empty: the layout's usual camera
-  std::string depth;          // stereo; empty: from files
+  std::string depth;          // stereo or onnx:DESCRIPTOR; empty: from files
   std::filesystem::path depth_dir;
   std::string depth_kind;
   std::optional<double> depth_scale;
@@ -38,13 +38,15 @@ struct Footage {
   RigidTransform T_camera_lidar;
   std::vector<Frame> frames;
   std::vector<std::string> left_out;
+  std::string remark;  // of the depth source; mostly empty
 
   /// Fewer say nothing worth knowing.
   static constexpr std::size_t fewest_frames = 3;
 
   /// Reads `options.frames` frames spread evenly over the recording (all, where it has no more), and makes or reads
-  /// their depth. Fails as opening the recording and reading its frames do; with `extrinsic_implausible`; with
-  /// `stereo_missing`; and with `too_few_frames`. Frames without usable depth or overlap are left out.
+  /// their depth. Fails as opening the recording and reading its frames do; as `make_onnx_depth` and the network's
+  /// self-test do; with `extrinsic_implausible`; with `stereo_missing`; and with `too_few_frames`. Frames without
+  /// usable depth or overlap are left out.
   [[nodiscard]] static Result<Footage> read(const FootageOptions& options);
 
   /// Features of all frames at the recording's extrinsic. Fails as `make_features` does.

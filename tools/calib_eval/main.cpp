@@ -71,8 +71,7 @@ CommandLine::CommandLine(int argc, char** argv) : words_(telling_words(argc, arg
   add_plot();
 }
 
-CLI::App* CommandLine::subcommand(const std::string& name, const std::string& what,
-                                  std::function<Result<void>()> run) {
+CLI::App* CommandLine::subcommand(const std::string& name, const std::string& what, std::function<Result<void>()> run) {
   CLI::App* const added = app.add_subcommand(name, what);
   added->callback([this, run = std::move(run)] { command_ = run; });
   return added;
@@ -86,7 +85,13 @@ void CommandLine::add_recording(CLI::App& to) {
   to.add_option("--drive", footage_.drive, "Drive of kitti-360");
   to.add_option("--camera", footage_.camera,
                 "image_00 .. image_03; default image_02 of kitti-raw, image_00 of kitti-360");
-  auto* const source = to.add_option("--depth", footage_.depth, "Depth that is made")->check(CLI::IsMember({"stereo"}));
+  auto* const source = to.add_option("--depth", footage_.depth, "Depth that is made: stereo, or onnx:DESCRIPTOR")
+                           ->check(CLI::Validator(
+                               [](const std::string& text) {
+                                 const bool known = text == "stereo" || (text.starts_with("onnx:") && text.size() > 5);
+                                 return known ? std::string() : text + " is neither stereo nor onnx:DESCRIPTOR";
+                               },
+                               "stereo|onnx:DESCRIPTOR"));
   auto* const folder = to.add_option("--depth-dir", footage_.depth_dir, "Depth from the files of this folder");
   auto* const kind = to.add_option("--depth-kind", footage_.depth_kind, "disparity, inverse, depth or range")
                          ->check(parses(parse_depth_kind, "KIND"));
@@ -116,7 +121,7 @@ void CommandLine::add_objectives(CLI::App& to) {
 }
 
 void CommandLine::check_recording() const {
-  if (footage_.depth.empty() && footage_.depth_dir.empty()) throw CLI::RequiredError("--depth stereo or --depth-dir");
+  if (footage_.depth.empty() && footage_.depth_dir.empty()) throw CLI::RequiredError("--depth or --depth-dir");
   if (footage_.dataset == "kitti-360" && footage_.drive.empty()) throw CLI::RequiredError("--drive");
   if (footage_.dataset != "kitti-360" && !footage_.drive.empty())
     throw CLI::ValidationError("--drive", "is for kitti-360");
@@ -125,9 +130,8 @@ void CommandLine::check_recording() const {
 }
 
 void CommandLine::add_calibrate() {
-  CLI::App* const added = subcommand("calibrate", "Searches from many wrong extrinsics, and how they end", [this] {
-    return calibrate(footage_, calibrate_, words_);
-  });
+  CLI::App* const added = subcommand("calibrate", "Searches from many wrong extrinsics, and how they end",
+                                     [this] { return calibrate(footage_, calibrate_, words_); });
   add_recording(*added);
   add_objectives(*added);
   const CLI::Validator range(

@@ -1,13 +1,12 @@
 #include "dataset/recording.hpp"
 
 #include "dataset/cloud_file.hpp"
-#include "dataset/image_file.hpp"
 
 namespace calib {
 namespace {
 
-Result<Image> read_camera_image(const std::filesystem::path& path, const Camera& camera) {
-  auto image = read_image(path);
+Result<Image> read_camera_image(const std::filesystem::path& path, const Camera& camera, Colours colours) {
+  auto image = read_image(path, colours);
   if (image && (image->width != camera.width() || image->height != camera.height()))
     return fail("image_unreadable", path.string() + " is " + std::to_string(image->width) + " x " +
                                         std::to_string(image->height) + " pixels, its calibration says " +
@@ -17,18 +16,18 @@ Result<Image> read_camera_image(const std::filesystem::path& path, const Camera&
 
 }  // namespace
 
-Result<FramePair> Recording::frame(std::size_t index) const {
+Result<FramePair> Recording::frame(std::size_t index, Colours colours) const {
   if (index >= size())
     return fail("frame_out_of_range", "frame " + std::to_string(index) + " of " + std::to_string(size()));
   const RecordedFrame& files = frames_[index];
-  auto image = read_camera_image(files.image, camera_);
+  auto image = read_camera_image(files.image, camera_, colours);
   if (!image) return tl::unexpected(image.error());
   auto scan = read_cloud(files.cloud);
   if (!scan) return tl::unexpected(scan.error());
   image->stamp = scan->stamp = index * std::chrono::milliseconds(100);
   FramePair pair{*std::move(image), std::nullopt, *std::move(scan)};
   if (files.right_image) {
-    auto right = read_camera_image(*files.right_image, camera_);
+    auto right = read_camera_image(*files.right_image, camera_, Colours::grey);
     if (!right) return tl::unexpected(right.error());
     right->stamp = pair.image.stamp;
     pair.right_image = *std::move(right);

@@ -9,6 +9,7 @@
 #include "calib/frame.hpp"
 #include "calib/geometry.hpp"
 #include "calib/result.hpp"
+#include "dataset/image_file.hpp"
 
 namespace calib {
 
@@ -43,8 +44,8 @@ class Recording {
   [[nodiscard]] const std::string& frame_name(std::size_t index) const { return frames_[index].name; }
 
   /// Frame `index` of `size()`; all stamps are `index` x 100 ms. Fails with `frame_out_of_range`, `image_unreadable`
-  /// (or not of the calibration's size), `cloud_unreadable` or `cloud_empty`.
-  [[nodiscard]] Result<FramePair> frame(std::size_t index) const;
+  /// (or not of the calibration's size), `cloud_unreadable` or `cloud_empty`. `colours` are those of the left image.
+  [[nodiscard]] Result<FramePair> frame(std::size_t index, Colours colours = Colours::grey) const;
 
  private:
   Camera camera_;
