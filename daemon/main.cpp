@@ -6,6 +6,7 @@
 
 #include <CLI/CLI.hpp>
 #include <atomic>
+#include <chrono>
 #include <csignal>
 #include <cstdio>
 #include <fstream>
@@ -100,6 +101,14 @@ int serve(calib::Service& service, calib::ControlSocket& control, int signal_fd)
   }
   sd_notify(0, "STOPPING=1");
   service.stop();
+  // An estimate of depth that does not end when asked to is left behind: all that counts has been written.
+  const auto patience = std::chrono::steady_clock::now() + std::chrono::milliseconds(900);
+  while (!ended && (std::chrono::steady_clock::now() < patience || !service.estimates_depth()))
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  if (!ended) {
+    spdlog::warn("calibd ends in the middle of an estimate of depth");
+    _exit(0);
+  }
   worker.join();
   spdlog::info("calibd ends");
   return 0;

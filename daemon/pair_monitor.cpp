@@ -17,8 +17,9 @@ std::size_t PairMonitor::wanted_pairs() const {
 Result<PairMonitor::Evidence> PairMonitor::evaluate(const FramePair& pair) {
   const SceneThumbnail* last = last_scene_ ? &*last_scene_ : nullptr;
   if (auto good = check_pair(pair, camera_, last, settings_.quality); !good) return tl::unexpected(good.error());
-  const auto depth = depth_->estimate(pair);
+  auto depth = depth_->estimate(pair);
   if (!depth) return tl::unexpected(depth.error());
+  mask_depth(pair.image, settings_.quality.depth_range, *depth);
   if (auto good = check_depth(*depth, settings_.quality); !good) return tl::unexpected(good.error());
   auto features =
       make_features(pair, *depth, camera_, T_camera_lidar_,

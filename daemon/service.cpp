@@ -75,10 +75,15 @@ void Service::run(const std::function<void()>& alive) {
   alive_ = alive;
   auto next = steady_clock::now();
   while (!stopping()) {
-    for (auto& watch : watches_)
+    for (auto& watch : watches_) {
       if (!stopping()) sample(*watch);
+      see_doctor();
+    }
     next = std::max(next + config_.sampling.period, steady_clock::now());
-    while (steady_clock::now() < next && !stopping()) breathe(next);
+    while (steady_clock::now() < next && !stopping()) {
+      breathe(next);
+      see_doctor();
+    }
   }
 }
 
@@ -113,7 +118,13 @@ void Service::breathe(steady_clock::time_point until) {
     wake_.wait_until(lock, end, [&] { return stopping_ || !questions_.empty(); });
     questions.swap(questions_);
   }
-  for (const Question& question : questions) question.answer(answer(question));
+  for (Question& question : questions) {
+    // The doctor waits for his turn: he needs the sources of depth for himself.
+    if (auto reply = answer(question))
+      question.answer(std::move(*reply));
+    else
+      doctor_questions_.push_back(std::move(question));
+  }
   if (!questions.empty()) publish_status();
   publish_diagnostics();
   alive_();

@@ -13,6 +13,8 @@
 #include "config.hpp"
 #include "control.hpp"
 #include "dds/bus.hpp"
+#include "depth_source.hpp"
+#include "doctor.hpp"
 #include "ledger.hpp"
 #include "pair_monitor.hpp"
 
@@ -33,6 +35,8 @@ class Service {
 
   /// From any thread; answered between two steps of the pipeline.
   void ask(Question question);
+  /// From any thread: whether depth is being estimated, which may not end at once when asked.
+  [[nodiscard]] bool estimates_depth() const;
   /// From any thread: the status as of the last change, with the ages as of now.
   [[nodiscard]] Status status() const;
 
@@ -40,6 +44,7 @@ class Service {
   struct Watch {
     const PairConfig* config;
     PairTopics topics;
+    DepthSource* depth;  // the monitor's
     PairMonitor monitor;
     PairState state;
     int windows_without_evidence = 0;
@@ -48,7 +53,7 @@ class Service {
     struct Arrival {
       std::optional<std::chrono::steady_clock::time_point> last{};
     };
-    Arrival image{}, right_image{}, cloud{};
+    Arrival image{}, right_image{}, depth_image{}, cloud{};
     std::optional<std::chrono::nanoseconds> time_difference{};
   };
 
@@ -57,12 +62,14 @@ class Service {
 
   // service.cpp: sampling
   void sample(Watch& watch);
+  [[nodiscard]] bool prepare(Watch& watch);
   [[nodiscard]] Result<FramePair> collect(Watch& watch);
   [[nodiscard]] std::optional<Error> receive(Watch& watch, Sample sample, PairBuffer& buffer);
   void evaluated(Watch& watch, const FramePair& pair, const PairMonitor::Evidence& evidence);
   void skipped(Watch& watch, const Error& error);
   void conclude(Watch& watch);
   void breathe(std::chrono::steady_clock::time_point until);
+  [[nodiscard]] bool stopping() const;
 
   // service_decisions.cpp: what is written down
   [[nodiscard]] Result<void> take_over(const PairConfig& pair);
@@ -70,9 +77,16 @@ class Service {
   bool write(Watch& watch, PairState after, std::optional<CalibrationRecord> record);
   [[nodiscard]] nlohmann::json recalibrate(Watch& watch, const std::string& asked_by, bool dry_run);
   [[nodiscard]] nlohmann::json put_in_force(Watch& watch, CalibrationRecord record);
-  [[nodiscard]] nlohmann::json answer(const Question& question);
+  /// Nothing: it is for the doctor.
+  [[nodiscard]] std::optional<nlohmann::json> answer(const Question& question);
   [[nodiscard]] nlohmann::json accept(Watch& watch, const std::string& asked_by);
   [[nodiscard]] nlohmann::json roll_back(Watch& watch, const nlohmann::json& to, const std::string& asked_by);
+
+  // service_doctor.cpp: what is wrong
+  void see_doctor();
+  void examine(Watch& watch, nlohmann::json& reply);
+  [[nodiscard]] Result<std::optional<FramePair>> listen(Watch& watch, PairSeen& seen);
+  [[nodiscard]] std::optional<DepthMap> try_depth(Watch& watch, const FramePair& pair, PairSeen& seen);
 
   // service_status.cpp: what is shown
   [[nodiscard]] PairStatus status_of(const Watch& watch) const;
@@ -88,6 +102,7 @@ class Service {
   std::chrono::steady_clock::time_point started_ = std::chrono::steady_clock::now();
   std::chrono::steady_clock::time_point next_diagnostics_{};
   std::set<std::string> failures_logged_;
+  std::deque<Question> doctor_questions_;
 
   mutable std::mutex mutex_;  // guards what is below
   std::condition_variable wake_;

@@ -1,6 +1,5 @@
 #include <nlohmann/json.hpp>
 
-#include "calib/depth_stereo.hpp"
 #include "journal.hpp"
 #include "message_ids.hpp"
 #include "service.hpp"
@@ -20,14 +19,22 @@ PairMonitorSettings monitor_settings(const PairConfig& pair) {
   PairMonitorSettings settings;
   settings.frames = pair.recalibration.frames;
   settings.bounds = {pair.recalibration.max_rotation_rad, pair.recalibration.max_translation_m};
+  settings.quality.depth_range = pair.depth_range;
   settings.drift.baseline_pairs = pair.drift.baseline_pairs;
   return settings;
 }
 
 PairTopics topics_of(const PairConfig& pair) {
-  const auto* stereo = std::get_if<StereoDepthConfig>(&pair.depth);
-  return {pair.camera.image, stereo != nullptr ? std::optional(stereo->right_image) : std::nullopt, pair.lidar.cloud,
-          pair.camera.info};
+  PairTopics topics{.image = pair.camera.image, .cloud = pair.lidar.cloud, .camera_info = pair.camera.info};
+  if (const auto* stereo = std::get_if<StereoDepthConfig>(&pair.depth)) {
+    topics.right_image = stereo->right_image;
+    topics.right_camera_info = stereo->right_info;
+  } else if (const auto* topic = std::get_if<TopicDepthConfig>(&pair.depth)) {
+    topics.depth = topic->topic;
+  } else {
+    topics.colour = Colour::rgb;
+  }
+  return topics;
 }
 
 json vector3(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
@@ -65,10 +72,6 @@ std::string number(std::uint64_t value) { return std::to_string(value); }
 /// Begins or goes on watching a pair: with the extrinsic that the last record put in force, unless the configuration
 /// has a new one since.
 Result<void> Service::take_over(const PairConfig& pair) {
-  const auto* stereo = std::get_if<StereoDepthConfig>(&pair.depth);
-  if (stereo == nullptr || !stereo->right_camera) return fail("bad_depth", "this source of depth is not served");
-  auto depth = make_stereo_depth(pair.camera.camera, -stereo->right_camera->T_right_left.translation().x());
-  if (!depth) return tl::unexpected(depth.error());
   const CalibrationRecord* initial = ledger_.initial(pair.name);
   const bool configured_anew = initial == nullptr || !same(initial->T_camera_lidar, pair.T_camera_lidar);
 
@@ -93,12 +96,17 @@ Result<void> Service::take_over(const PairConfig& pair) {
     const auto written = ledger_.write(pair.name, state, {.record = std::move(record), .alert = {}}, now());
     if (!written) return tl::unexpected(written.error());
   }
-  watches_.push_back(std::make_unique<Watch>(
-      Watch{.config = &pair,
-            .topics = topics_of(pair),
-            .monitor = PairMonitor(monitor_settings(pair), pair.camera.camera, std::move(*depth),
-                                   ledger_.in_force(pair.name)->T_camera_lidar, state.drift),
-            .state = state}));
+  auto depth = std::make_unique<DepthSource>(pair, [this] {
+    breathe(std::chrono::steady_clock::now());
+    return !stopping();
+  });
+  watches_.push_back(
+      std::make_unique<Watch>(Watch{.config = &pair,
+                                    .topics = topics_of(pair),
+                                    .depth = depth.get(),
+                                    .monitor = PairMonitor(monitor_settings(pair), pair.camera.camera, std::move(depth),
+                                                           ledger_.in_force(pair.name)->T_camera_lidar, state.drift),
+                                    .state = state}));
   return {};
 }
 
@@ -250,14 +258,21 @@ json Service::roll_back(Watch& watch, const json& to, const std::string& asked_b
   return put_in_force(watch, std::move(record));
 }
 
-json Service::answer(const Question& question) {
+std::optional<json> Service::answer(const Question& question) {
   const auto& request = question.request;
   const std::string what = request["request"].get<std::string>();
   const std::string name =
       request.contains("pair") && request["pair"].is_string() ? request["pair"].get<std::string>() : "";
   const auto found = std::ranges::find_if(watches_, [&](const auto& watch) { return watch->config->name == name; });
+  if (what == "doctor") {
+    constexpr std::size_t most_waiting = 16;
+    if (found == watches_.end() && !request.value("pair", json()).is_null())
+      return refusal("not_found", "there is no pair '" + escape_control(name) + "'");
+    if (doctor_questions_.size() >= most_waiting) return refusal("failed", "too many wait for the doctor; ask later");
+    return std::nullopt;
+  }
   if (what != "recalibrate" && what != "accept" && what != "rollback")
-    return refusal("bad_request", "the requests are status, recalibrate, accept and rollback");
+    return refusal("bad_request", "the requests are status, doctor, recalibrate, accept and rollback");
   if (!question.peer.may_change)
     return refusal("denied", "only root, the daemon's user and members of its group may ask for changes");
   if (found == watches_.end()) return refusal("not_found", "there is no pair '" + escape_control(name) + "'");

@@ -40,6 +40,7 @@ PairStatus Service::status_of(const Watch& watch) const {
   status.image = input(watch.topics.image, watch.image.last);
   status.cloud = input(watch.topics.cloud, watch.cloud.last);
   if (watch.topics.right_image) status.right_image = input(*watch.topics.right_image, watch.right_image.last);
+  if (watch.topics.depth) status.depth = input(watch.topics.depth->name, watch.depth_image.last);
   if (watch.time_difference)
     status.time_difference_ms = std::chrono::duration<double, std::milli>(*watch.time_difference).count();
   return status;
@@ -75,6 +76,7 @@ Status Service::status() const {
     grow_older(pair.image);
     grow_older(pair.cloud);
     if (pair.right_image) grow_older(*pair.right_image);
+    if (pair.depth) grow_older(*pair.depth);
   }
   return status;
 }

@@ -3,6 +3,7 @@
 
 #include "vehicle/camera_option.hpp"
 #include "vehicle/play.hpp"
+#include "vehicle/varied_place.hpp"
 
 int main(int argc, char** argv) {
   using namespace calib;
@@ -34,6 +35,18 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(10.0, 360.0))
       ->capture_default_str();
   vehicle::add_play_options(app, options);
+  app.add_flag("--unrectified", simulation.unrectified,
+               "the stereo camera's images as they come: lenses that bend, mounts that are not straight")
+      ->excludes(camera_option)
+      ->excludes("--dump");
+  bool vary = false;
+  app.add_flag(
+         "--vary", vary,
+         "for --dump: every frame from another place, camera and light, as an image and its depth; no LiDAR. What "
+         "tools/train learns from")
+      ->needs("--dump")
+      ->needs("--frames")
+      ->excludes(camera_option);
   camera_option->needs("--dump")->excludes("--print-config")->excludes("--overlay");
   try {
     app.parse(argc, argv);
@@ -44,6 +57,13 @@ int main(int argc, char** argv) {
     std::cerr << error.code << ": " << error.context << '\n';
     return 2;
   };
+  if (vary) {
+    const auto dumped =
+        vehicle::dump_varied_views(options.dump, simulation.seed, *options.frames, simulation.width, simulation.height);
+    if (dumped) return 0;
+    std::cerr << dumped.error().code << ": " << escape_control(dumped.error().context) << '\n';
+    return 1;
+  }
   if (!camera.empty()) {
     auto parsed = vehicle::parse_camera(camera, size);
     if (!parsed) return usage(parsed.error());

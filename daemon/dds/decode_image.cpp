@@ -41,14 +41,11 @@ constexpr Encoding encodings[] = {
     {"yuyv", CV_8UC2, cv::COLOR_YUV2GRAY_YUY2, cv::COLOR_YUV2RGB_YUY2},
 };
 
-bool is_depth(std::string_view encoding) {
-  return encoding.starts_with("16UC1") || encoding.starts_with("32FC1");
-}
+bool is_depth(std::string_view encoding) { return encoding.starts_with("16UC1") || encoding.starts_with("32FC1"); }
 
 Result<Encoding> find_encoding(std::string_view name) {
   if (is_depth(name))
-    return fail("malformed:depth_encoding",
-                "this topic carries a depth image; configure the camera's image topic");
+    return fail("malformed:depth_encoding", "this topic carries a depth image; configure the camera's image topic");
   for (const Encoding& encoding : encodings)
     if (encoding.name == name) return encoding;
   return fail("malformed:encoding", "encoding '" + std::string(name.substr(0, 32)) + "' is not supported");
@@ -115,10 +112,8 @@ std::optional<Size> jpeg_size(Bytes bytes) {
       ++at;
       continue;
     }
-    const bool start_of_frame =
-        marker >= 0xC0 && marker <= 0xCF && marker != 0xC4 && marker != 0xC8 && marker != 0xCC;
-    if (start_of_frame)
-      return Size{big_endian(bytes.subspan(at + 7, 2)), big_endian(bytes.subspan(at + 5, 2))};
+    const bool start_of_frame = marker >= 0xC0 && marker <= 0xCF && marker != 0xC4 && marker != 0xC8 && marker != 0xCC;
+    if (start_of_frame) return Size{big_endian(bytes.subspan(at + 7, 2)), big_endian(bytes.subspan(at + 5, 2))};
     const std::int64_t length = big_endian(bytes.subspan(at + 2, 2));
     if (length < 2) return std::nullopt;
     at += 2 + static_cast<std::size_t>(length);
@@ -138,8 +133,7 @@ Result<Size> probe(Bytes bytes) {
   constexpr std::uint8_t jpeg[] = {0xFF, 0xD8, 0xFF};
   const bool is_png = bytes.size() >= 8 && std::ranges::equal(bytes.first(8), png);
   const bool is_jpeg = bytes.size() >= 3 && std::ranges::equal(bytes.first(3), jpeg);
-  if (!is_png && !is_jpeg)
-    return fail("malformed:compressed_format", "data begins neither as a JPEG nor as a PNG");
+  if (!is_png && !is_jpeg) return fail("malformed:compressed_format", "data begins neither as a JPEG nor as a PNG");
   const std::optional<Size> size = is_png ? png_size(bytes) : jpeg_size(bytes);
   if (!size || !size->in_bounds())
     return fail("malformed:compressed_dimensions", "its header gives no size in 1 .. 64 Mpx");
@@ -151,8 +145,8 @@ Result<Size> probe(Bytes bytes) {
 
 Result<void> check_layout(const sensor_msgs_msg_dds__Image_& message, std::uint64_t bytes_per_pixel) {
   if (!Size{message.width, message.height}.in_bounds())
-    return fail("malformed:image_size", std::to_string(message.width) + " x " + std::to_string(message.height) +
-                                            " is outside 1 .. 64 Mpx");
+    return fail("malformed:image_size",
+                std::to_string(message.width) + " x " + std::to_string(message.height) + " is outside 1 .. 64 Mpx");
   if (message.step < message.width * bytes_per_pixel)
     return fail("malformed:step", "step " + std::to_string(message.step) + " is less than a row of " +
                                       std::to_string(bytes_per_pixel) + " bytes per pixel");
@@ -188,8 +182,7 @@ Result<Image> decode_compressed_image(const sensor_msgs_msg_dds__CompressedImage
   const auto stamp = decode_stamp(message.header);
   if (!stamp) return tl::unexpected(stamp.error());
   if (message.format && is_depth(message.format))
-    return fail("malformed:depth_encoding",
-                "this topic carries a depth image; configure the camera's image topic");
+    return fail("malformed:depth_encoding", "this topic carries a depth image; configure the camera's image topic");
   const Bytes bytes(message.data._buffer, message.data._length);
   if (bytes.empty() || bytes.size() > max_compressed_bytes)
     return fail("malformed:compressed_size", std::to_string(bytes.size()) + " bytes are outside 1 .. 32 MB");

@@ -49,6 +49,7 @@ json inputs_json(const PairStatus& pair) {
               {"cloud", input_json(pair.cloud)},
               {"time_difference_ms", or_null(pair.time_difference_ms)}};
   if (pair.right_image) inputs["right_image"] = input_json(*pair.right_image);
+  if (pair.depth) inputs["depth"] = input_json(*pair.depth);
   return inputs;
 }
 
@@ -136,6 +137,7 @@ PairStatus pair_from(const json& object) {
   pair.image = input_from(inputs.at("image"));
   pair.cloud = input_from(inputs.at("cloud"));
   if (inputs.contains("right_image")) pair.right_image = input_from(inputs.at("right_image"));
+  if (inputs.contains("depth")) pair.depth = input_from(inputs.at("depth"));
   pair.time_difference_ms = optional_from<double>(inputs.at("time_difference_ms"));
   return pair;
 }

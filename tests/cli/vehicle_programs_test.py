@@ -217,6 +217,26 @@ def test_a_camera_that_is_not_one_is_a_usage_error(arguments, complaint):
     assert done.returncode == 2 and complaint in done.stderr and done.stdout == ""
 
 
+def test_varied_pictures_are_the_same_every_time_and_have_depth(tmp_path):
+    for name in ("one", "again"):
+        done = run("calib-sim", "--dump", tmp_path / name, "--vary", "--frames", "3", "--seed", "5", "--width", "160",
+                   "--height", "64")
+        assert done.returncode == 0, done.stderr
+    files = sorted(path.relative_to(tmp_path / "one") for path in (tmp_path / "one").rglob("*.png"))
+    assert [str(path) for path in files] == [f"{kind}/{i:06d}.png" for kind in ("depth", "images") for i in range(3)]
+    contents = [(tmp_path / "one" / path).read_bytes() for path in files]
+    assert contents == [(tmp_path / "again" / path).read_bytes() for path in files]
+    assert len(set(contents)) == 6
+
+
+@pytest.mark.parametrize("arguments", [["--vary"], ["--vary", "--dump", "x"],
+                                       ["--vary", "--dump", "x", "--frames", "1", "--camera", "kitti-360-fisheye"]])
+def test_varied_pictures_need_a_folder_and_a_number_and_no_camera(arguments):
+    done = run("calib-sim", *arguments)
+    assert done.returncode == 2
+    assert done.stderr
+
+
 def test_replay_ends_after_the_last_frame_unless_it_loops(drive):
     once = run("calib-replay", drive, "--domain", DOMAIN, "--fast", "--frames", 10)
     assert events(once.stdout)[-1]["frame"] == 3

@@ -69,9 +69,8 @@ TEST_CASE("every encoding becomes the grey that OpenCV makes of it, padded rows 
   cv::cvtColor(bgr, rgb, cv::COLOR_BGR2RGB);
   cv::cvtColor(bgr, bgra, cv::COLOR_BGR2BGRA);
   cv::cvtColor(bgr, rgba, cv::COLOR_BGR2RGBA);
-  const std::vector<std::pair<std::string, cv::Mat>> encoded{{"mono8", grey}, {"8UC1", grey}, {"bgr8", bgr},
-                                                             {"8UC3", bgr},   {"rgb8", rgb},  {"bgra8", bgra},
-                                                             {"rgba8", rgba}};
+  const std::vector<std::pair<std::string, cv::Mat>> encoded{
+      {"mono8", grey}, {"8UC1", grey}, {"bgr8", bgr}, {"8UC3", bgr}, {"rgb8", rgb}, {"bgra8", bgra}, {"rgba8", rgba}};
   for (const auto& [encoding, pixels] : encoded)
     for (const std::uint32_t padding : {0U, 1U, 13U}) {
       INFO(encoding << " with rows padded by " << padding);
@@ -149,8 +148,7 @@ TEST_CASE("a JPEG's size is read from its frame header, before any decoding") {
   auto message = compressed_message(".jpg", colour_scene(64, 48));
   CHECK(require_ok(decode(message)).width == 64);
   std::size_t frame = 2;
-  while (message.data[frame + 1] != 0xC0)
-    frame += 2 + (message.data[frame + 2] << 8 | message.data[frame + 3]);
+  while (message.data[frame + 1] != 0xC0) frame += 2 + (message.data[frame + 2] << 8 | message.data[frame + 3]);
   std::fill_n(message.data.begin() + frame + 5, 4, std::uint8_t{0xFF});  // 65535 x 65535
   CHECK(decode(message).error().code == "malformed:compressed_dimensions");
   std::fill_n(message.data.begin() + frame + 5, 4, std::uint8_t{0});
@@ -165,4 +163,50 @@ TEST_CASE("a JPEG that was cut short is refused, one that is padded is not") {
   CHECK(decode(message));
   message.data.resize(message.data.size() / 2);
   CHECK(decode(message).error().code == "malformed:compressed_data");
+}
+
+TEST_CASE("colour is decoded when it is wanted, beside the same grey") {
+  const cv::Mat scene = colour_scene(32, 24);
+  cv::Mat rgb, rgba, bgra;
+  cv::cvtColor(scene, rgb, cv::COLOR_BGR2RGB);
+  cv::cvtColor(scene, rgba, cv::COLOR_BGR2RGBA);
+  cv::cvtColor(scene, bgra, cv::COLOR_BGR2BGRA);
+  const auto largest_colour_difference = [&](const Image& image) {
+    REQUIRE(image.rgb.size() == 3 * image.pixels.size());
+    const cv::Mat got(image.height, image.width, CV_8UC3, const_cast<std::uint8_t*>(image.rgb.data()));
+    return static_cast<int>(cv::norm(got, rgb, cv::NORM_INF));
+  };
+  for (auto& [pixels, encoding] : std::vector<std::pair<cv::Mat, std::string>>{
+           {scene, "bgr8"}, {scene, "8UC3"}, {rgb, "rgb8"}, {rgba, "rgba8"}, {bgra, "bgra8"}}) {
+    INFO(encoding);
+    ImageMessage message = image_message(pixels, encoding, 5);
+    const Image coloured = require_ok(decode_image(message.raw(), Colour::rgb));
+    CHECK(largest_colour_difference(coloured) == 0);
+    const Image grey = require_ok(decode(message));
+    CHECK(coloured.pixels == grey.pixels);
+    CHECK(grey.rgb.empty());
+  }
+  CompressedImageMessage png = compressed_message(".png", scene);
+  const Image coloured = require_ok(decode_compressed_image(png.raw(), Colour::rgb));
+  CHECK(largest_colour_difference(coloured) == 0);
+  CHECK(coloured.pixels.size() == std::size_t{32 * 24});
+
+  // A mosaic of one colour has that colour everywhere, whatever the pattern.
+  const cv::Mat flat(24, 32, CV_8UC3, cv::Scalar(30, 120, 210));
+  for (const std::string pattern : {"rggb", "bggr", "gbrg", "grbg"}) {
+    ImageMessage message = image_message(mosaic(flat, pattern), "bayer_" + pattern + "8");
+    const Image image = require_ok(decode_image(message.raw(), Colour::rgb));
+    for (std::size_t i = 0; i < image.pixels.size(); ++i) {
+      REQUIRE(image.rgb[3 * i] == 210);
+      REQUIRE(image.rgb[3 * i + 1] == 120);
+      REQUIRE(image.rgb[3 * i + 2] == 30);
+    }
+  }
+  const cv::Mat luma_chroma(24, 32, CV_8UC2, cv::Scalar(128, 77));  // without colour
+  ImageMessage message = image_message(luma_chroma, "uyvy");
+  const Image image = require_ok(decode_image(message.raw(), Colour::rgb));
+  CHECK((image.rgb[0] == image.rgb[1] && image.rgb[1] == image.rgb[2]));
+
+  ImageMessage mono = image_message(cv::Mat(24, 32, CV_8UC1, cv::Scalar(9)), "mono8");
+  CHECK(require_ok(decode_image(mono.raw(), Colour::rgb)).rgb.empty());
 }

@@ -51,6 +51,14 @@ def camera_info():
         r=np.zeros(9), p=np.array([500, 0, 320, 0, 0, 510, 240, 0, 0, 0, 1, 0], float), binning_x=0, binning_y=0, roi=roi)
 
 
+def disparity():
+    picture = ros.message("sensor_msgs/Image", header=ros.header(STAMP, "camera"), height=4, width=6, encoding="32FC1",
+                          is_bigendian=0, step=24, data=np.arange(1, 25, dtype=np.float32).view(np.uint8))
+    window = ros.message("sensor_msgs/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
+    return ros.message("stereo_msgs/DisparityImage", header=ros.header(STAMP + 10**9, "camera"), image=picture, f=200.0, t=0.5,
+                       valid_window=window, min_disparity=0.0, max_disparity=0.0, delta_d=0.0625)
+
+
 def known_values():
     """What wire_dump published, as far as calibd does not word it: by topic, the type and the value."""
     return {
@@ -69,6 +77,7 @@ def known_values():
             data=np.array([1, 2, 3], np.uint8))),
         "/camera_info": ("sensor_msgs/CameraInfo", camera_info()),
         "/points": ("sensor_msgs/PointCloud2", cloud()),
+        "/disparity": ("stereo_msgs/DisparityImage", disparity()),
     }
 
 
@@ -91,7 +100,7 @@ def test_diagnostics_read_and_written_again_by_rosbags_are_byte_equal(wire):
 
 
 def test_type_names_and_hashes_are_those_of_ros(wire):
-    assert len(wire) == 7
+    assert len(wire) == 8
     for line in wire.values():
         package, name = line["type"].removesuffix("_").split("::msg::dds_::")
         assert line["user_data"] == f"typehash={ros.STORE.hash_rihs01(f'{package}/msg/{name}')};"

@@ -118,6 +118,7 @@ void dump_all() {
   dump_input(peer, other.get(), compressed_image_type, "/image/compressed", compressed);
   dump_input(peer, other.get(), camera_info_type, "/camera_info", CameraInfoMessage{});
   dump_input(peer, other.get(), cloud_type, "/points", CloudMessage{});
+  dump_input(peer, other.get(), disparity_image_type, "/disparity", DisparityMessage{});
 }
 
 }  // namespace

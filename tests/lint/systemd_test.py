@@ -3,6 +3,7 @@
 import re
 import shutil
 import subprocess
+import sys
 
 import pytest
 
@@ -48,6 +49,17 @@ def test_unit_keeps_what_the_daemon_counts_on(unit):
     assert re.search(r"^WatchdogSec=\d+s$", text, re.MULTILINE)
 
 
+def test_networks_run_where_no_memory_may_become_code(bin_dir):
+    """The kernel's own form of MemoryDenyWriteExecute=, which is inherited."""
+    refuse = ("import ctypes, os, sys\n"
+              "refused = ctypes.CDLL(None).prctl(65, 1, 0, 0, 0)\n"  # PR_SET_MDWE, PR_MDWE_REFUSE_EXEC_GAIN
+              "os.execv(sys.argv[1], sys.argv[1:]) if refused == 0 else sys.exit(77)\n")
+    result = run(sys.executable, "-c", refuse, bin_dir / "tests/depth_onnx_test")
+    if result.returncode == 77:
+        pytest.skip("this kernel has no PR_SET_MDWE")
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
 def test_catalog_explains_every_message_id_and_no_other(source_dir):
     declared = re.findall(r'string_view \w+ = "([0-9a-f]{32})"', (source_dir / "daemon/message_ids.hpp").read_text())
     explained = re.findall(r"^-- ([0-9a-f]{32})$", (source_dir / "systemd/calibd.catalog").read_text(), re.MULTILINE)
@@ -65,7 +77,7 @@ def test_catalog_is_read_by_journalctl(source_dir, tmp_path):
     result = run("journalctl", f"--root={tmp_path}", "--update-catalog")
     assert result.returncode == 0 and not result.stderr, result.stderr
     listed = run("journalctl", f"--root={tmp_path}", "--list-catalog").stdout
-    assert len(re.findall("^[0-9a-f]{32} calibd: ", listed, re.MULTILINE)) == 12
+    assert len(re.findall("^[0-9a-f]{32} calibd: ", listed, re.MULTILINE)) == 14
 
 
 def test_declared_ids_are_the_logged_ones(source_dir):
@@ -97,3 +109,10 @@ def test_package_holds_what_is_installed(bin_dir, tmp_path):
     for path in ("./etc/calibd/calibd.yaml", "./usr/sbin/calibd", "./usr/lib/systemd/system/calibd.service"):
         assert re.search(rf" {re.escape(path)}$", names, re.MULTILINE), names
     assert "/tests/" not in names
+
+    root = tmp_path / "unpacked"
+    assert run("dpkg-deb", "-x", package, root).returncode == 0
+    for program in ("usr/sbin/calibd", "usr/bin/calib-eval"):
+        result = run(root / program, "--version", env={})
+        assert result.returncode == 0, f"it needs what neither the package nor its dependencies bring: {result.stderr}"
+        assert b"/opt/" not in (root / program).read_bytes(), "a library that only this machine has"

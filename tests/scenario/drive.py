@@ -22,10 +22,10 @@ def difference(a, b):
 class Drive:
     """`vehicle` is the program with what it shall do; both programs end, by process id, with the `with` block."""
 
-    def __init__(self, bin_dir, folder, domain, *vehicle, configure=lambda text: text):
+    def __init__(self, bin_dir, folder, domain, *vehicle, configure=lambda text: text, rate_hz=RATE_HZ):
         self.bin, self.folder = bin_dir, folder
         self.vehicle_words = [str(word) for word in vehicle]
-        self.domain = domain
+        self.domain, self.rate_hz = domain, rate_hz
         self.config = folder / "calibd.yaml"
         pairs = subprocess.run([*self.vehicle_command(), "--print-config"], capture_output=True, text=True, check=True).stdout
         self.config.write_text(configure(
@@ -41,7 +41,7 @@ class Drive:
     def __enter__(self):
         self.start_calibd()
         with (self.folder / "truth.jsonl").open("wb") as truth:
-            self.vehicle = subprocess.Popen([*self.vehicle_command(), "--rate", str(RATE_HZ), "--domain", str(self.domain)],
+            self.vehicle = subprocess.Popen([*self.vehicle_command(), "--rate", str(self.rate_hz), "--domain", str(self.domain)],
                                             stdout=truth)
         self.wait_for(lambda _: self.truth_lines(), 30)
         return self
@@ -67,11 +67,16 @@ class Drive:
     def log(self):
         return (self.folder / "calibd.log").read_text(errors="replace")
 
-    def status(self):
-        """The pair as calibd tells it; nothing while calibd does not answer."""
+    def pairs(self):
+        """As calibd tells them; nothing while calibd does not answer."""
         done = self.ctl("status", "--json")
         status = json.loads(done.stdout) if done.returncode == 0 else None
-        return status["pairs"][0] if status and status["daemon"]["running"] else None
+        return status["pairs"] if status and status["daemon"]["running"] else None
+
+    def status(self):
+        """The first pair."""
+        pairs = self.pairs()
+        return pairs[0] if pairs else None
 
     def truth_lines(self):
         return [json.loads(line) for line in (self.folder / "truth.jsonl").read_text().splitlines()]

@@ -17,8 +17,7 @@ namespace calib::test {
 using Octets = std::vector<std::uint8_t>;
 
 inline dds_sequence_octet sequence(Octets& bytes) {
-  return {static_cast<std::uint32_t>(bytes.size()), static_cast<std::uint32_t>(bytes.size()), bytes.data(),
-          false};
+  return {static_cast<std::uint32_t>(bytes.size()), static_cast<std::uint32_t>(bytes.size()), bytes.data(), false};
 }
 
 struct ImageMessage {
@@ -30,13 +29,7 @@ struct ImageMessage {
   Octets data = Octets(24, 7);
 
   sensor_msgs_msg_dds__Image_ raw() {
-    return {{{sec, nanosec}, frame_id_.data()},
-            height,
-            width,
-            encoding.data(),
-            is_bigendian,
-            step,
-            sequence(data)};
+    return {{{sec, nanosec}, frame_id_.data()}, height, width, encoding.data(), is_bigendian, step, sequence(data)};
   }
 
  private:
@@ -57,6 +50,32 @@ struct CompressedImageMessage {
   std::string frame_id_ = "camera";
 };
 
+/// Disparities 1, 2, .. 24 of a camera with f t = 100 pixels times metres.
+struct DisparityMessage {
+  ImageMessage image;
+  std::int32_t sec = 13;
+  float f = 200, t = 0.5F, min_disparity = 0, max_disparity = 0, delta_d = 0.0625F;
+  std::uint32_t window_x = 0, window_y = 0, window_width = 0, window_height = 0;
+
+  DisparityMessage() {
+    image.step = 24;
+    image.encoding = "32FC1";
+    image.data.resize(96);
+    for (std::uint32_t i = 0; i < 24; ++i) {
+      const float disparity = 1.0F + static_cast<float>(i);
+      std::memcpy(image.data.data() + 4 * i, &disparity, 4);
+    }
+  }
+
+  stereo_msgs_msg_dds__DisparityImage_ raw() {
+    const auto picture = image.raw();
+    auto header = picture.header;
+    header.stamp.sec = sec;
+    return {header,        picture,       f,      t, {window_x, window_y, window_height, window_width, false},
+            min_disparity, max_disparity, delta_d};
+  }
+};
+
 struct CameraInfoMessage {
   std::int32_t sec = 12;
   std::uint32_t nanosec = 345;
@@ -64,6 +83,7 @@ struct CameraInfoMessage {
   std::string distortion_model = "plumb_bob";
   std::vector<double> d{-0.3, 0.1, 0.001, -0.002, 0.01};
   std::array<double, 9> k{500, 0, 320, 0, 510, 240, 0, 0, 1};
+  std::array<double, 9> r{};
   std::array<double, 12> p{500, 0, 320, 0, 0, 510, 240, 0, 0, 0, 1, 0};
   std::uint32_t binning_x = 0, binning_y = 0;
   std::uint32_t roi_x = 0, roi_y = 0, roi_width = 0, roi_height = 0;
@@ -77,6 +97,7 @@ struct CameraInfoMessage {
     const auto length = static_cast<std::uint32_t>(d.size());
     message.d = {length, length, d.data(), false};
     std::memcpy(message.k, k.data(), sizeof(message.k));
+    std::memcpy(message.r, r.data(), sizeof(message.r));
     std::memcpy(message.p, p.data(), sizeof(message.p));
     message.binning_x = binning_x;
     message.binning_y = binning_y;

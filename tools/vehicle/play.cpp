@@ -78,16 +78,29 @@ class TruthPrinter {
   double printed_at_s_ = 0;
 };
 
-void print_config(const Vehicle& vehicle, const Topics& topics) {
+std::string depth_config(const Vehicle& vehicle, const PublisherOptions& publisher) {
+  const Topics& topics = publisher.topics;
+  if (!topics.depth.empty())
+    return std::string("{source: topic, ") + (publisher.depth_as == DepthAs::disparity ? "disparity: " : "image: ") +
+           topics.depth + "}";
+  const bool rectified = vehicle.camera.model() == CameraModel::rectified;
+  return "{source: stereo, right_image: " + topics.right_image +
+         (rectified ? ", baseline_m: " + json(vehicle.baseline_m).dump() : ", right_info: " + topics.right_info) + "}";
+}
+
+void print_config(const Vehicle& vehicle, const PublisherOptions& publisher) {
   const Camera& camera = vehicle.camera;
+  const Topics& topics = publisher.topics;
+  const bool rectified = camera.model() == CameraModel::rectified;
+  const std::string lens =
+      rectified ? "" : ", distortion: " + json(camera.distortion()).dump() + ", info: " + topics.left_info;
   const json intrinsics{camera.fx(), camera.fy(), camera.cx(), camera.cy()};
   std::cout << "pairs:\n  - name: front\n    camera: {image: " << topics.left_image
-            << ", model: rectified, size: [" << camera.width() << ", " << camera.height()
-            << "], intrinsics: " << intrinsics.dump() << "}\n    lidar: {cloud: " << topics.cloud
+            << ", model: " << to_string(camera.model()) << ", size: [" << camera.width() << ", " << camera.height()
+            << "], intrinsics: " << intrinsics.dump() << lens << "}\n    lidar: {cloud: " << topics.cloud
             << "}\n    T_camera_lidar: {translation_m: " << json(translation_m(vehicle.T_camera_lidar)).dump()
             << ", quaternion_xyzw: " << json(quaternion_xyzw(vehicle.T_camera_lidar)).dump()
-            << "}\n    depth: {source: stereo, right_image: " << topics.right_image
-            << ", baseline_m: " << json(vehicle.baseline_m).dump() << "}\n"
+            << "}\n    depth: " << depth_config(vehicle, publisher) << '\n'
             << "    recalibration: {mode: apply, frames: 25, max_rotation_deg: 5, max_translation_cm: 50}\n";
 }
 
@@ -154,15 +167,13 @@ Result<void> dump(const Vehicle& vehicle, const PlayOptions& options, const Knoc
 
 Result<void> drive(const Vehicle& vehicle, const PlayOptions& options, const Knock& knock) {
   const EndSignals end_signals;
-  auto publisher = Publisher::open(options.publisher, vehicle.camera, vehicle.baseline_m);
+  auto publisher = Publisher::open(options.publisher, vehicle);
   if (!publisher) return tl::unexpected(publisher.error());
 
   TruthPrinter truth(vehicle.T_camera_lidar);
   const std::chrono::nanoseconds period(std::llround(1e9 / options.rate_hz));
   const std::size_t count = frame_count(options);
-  const auto reached = [](const std::optional<double>& after_s, double t_s) {
-    return after_s && t_s >= *after_s;
-  };
+  const auto reached = [](const std::optional<double>& after_s, double t_s) { return after_s && t_s >= *after_s; };
   std::optional<FramePair> frozen;
   auto due = Clock::now();
   double t_s = 0;
@@ -185,6 +196,7 @@ Result<void> drive(const Vehicle& vehicle, const PlayOptions& options, const Kno
     pair->image.stamp = pair->right_image->stamp = now;
     pair->scan.stamp = now + std::chrono::nanoseconds(std::llround(1e6 * options.time_offset_ms));
     if (const auto sent = publisher->publish(pair->image, *pair->right_image); !sent) return sent;
+    if (const auto sent = publisher->publish_depth(now, pair->depth_m); !sent) return sent;
     if (reached(options.silence_lidar_after_s, t_s)) continue;
     if (const auto sent = publisher->publish(pair->scan); !sent) return sent;
   }
@@ -196,11 +208,10 @@ Result<void> drive(const Vehicle& vehicle, const PlayOptions& options, const Kno
 
 int play(const Vehicle& vehicle, const PlayOptions& options) {
   Knock knock = options.knock;
-  if (options.knock_after_frames)
-    knock.start_s = static_cast<double>(*options.knock_after_frames) / options.rate_hz;
+  if (options.knock_after_frames) knock.start_s = static_cast<double>(*options.knock_after_frames) / options.rate_hz;
   Result<void> result;
   if (options.print_config)
-    print_config(vehicle, options.publisher.topics);
+    print_config(vehicle, options.publisher);
   else if (!options.overlay.empty())
     result = write_overlay_of(vehicle, options, knock);
   else if (!options.dump.empty())

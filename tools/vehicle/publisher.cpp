@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <memory>
 #include <utility>
 
@@ -14,6 +15,7 @@ namespace {
 
 constexpr const char* image_hash = "d31d41a9a4c4bc8eae9be757b0beed306564f7526c88ea6a4588fb9582527d47";
 constexpr const char* camera_info_hash = "b3dfd68ff46c9d56c80fd3bd4ed22c7a4ddce8c8348f2f59c299e73118e7e275";
+constexpr const char* disparity_hash = "1ec1ff6b5bace919e4544a37f2d96ead9f81783701b7b7a4d97a09325ecf2711";
 constexpr const char* point_cloud_hash = "9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5";
 
 tl::unexpected<Error> dds_failed(const std::string& what, dds_return_t code) {
@@ -35,13 +37,12 @@ Sequence borrowed(const void* bytes, std::size_t size) {
   return sequence;
 }
 
-Result<int> open_writer(dds_entity_t participant, const dds_topic_descriptor_t& type,
-                        const std::string& ros_name, const std::string& type_hash, bool best_effort) {
+Result<int> open_writer(dds_entity_t participant, const dds_topic_descriptor_t& type, const std::string& ros_name,
+                        const std::string& type_hash, bool best_effort) {
   if (ros_name.size() < 2 || ros_name[0] != '/')
     return fail("dds_failed", "a ROS topic name begins with a slash: " + ros_name);
   const std::unique_ptr<dds_qos_t, decltype(&dds_delete_qos)> qos(dds_create_qos(), &dds_delete_qos);
-  dds_qset_reliability(qos.get(), best_effort ? DDS_RELIABILITY_BEST_EFFORT : DDS_RELIABILITY_RELIABLE,
-                       DDS_MSECS(100));
+  dds_qset_reliability(qos.get(), best_effort ? DDS_RELIABILITY_BEST_EFFORT : DDS_RELIABILITY_RELIABLE, DDS_MSECS(100));
   dds_qset_durability(qos.get(), DDS_DURABILITY_VOLATILE);
   dds_qset_history(qos.get(), DDS_HISTORY_KEEP_LAST, 5);
   const dds_data_representation_id_t xcdr1 = DDS_DATA_REPRESENTATION_XCDR1;
@@ -49,8 +50,7 @@ Result<int> open_writer(dds_entity_t participant, const dds_topic_descriptor_t& 
   const std::string user_data = "typehash=RIHS01_" + type_hash + ";";
   dds_qset_userdata(qos.get(), user_data.data(), user_data.size());
 
-  const dds_entity_t topic =
-      dds_create_topic(participant, &type, ("rt" + ros_name).c_str(), qos.get(), nullptr);
+  const dds_entity_t topic = dds_create_topic(participant, &type, ("rt" + ros_name).c_str(), qos.get(), nullptr);
   if (topic < 0) return dds_failed("topic " + ros_name, topic);
   const dds_entity_t writer = dds_create_writer(participant, topic, qos.get(), nullptr);
   if (writer < 0) return dds_failed("writer of " + ros_name, writer);
@@ -62,6 +62,17 @@ Result<void> write(int writer, const void* sample) {
   if (const dds_return_t code = dds_write(writer, sample); code < 0 && code != DDS_RETCODE_TIMEOUT)
     return dds_failed("write", code);
   return {};
+}
+
+sensor_msgs_msg_dds__Image_ picture(const Camera& camera, const char* encoding, const void* pixels,
+                                    std::size_t bytes_per_pixel) {
+  sensor_msgs_msg_dds__Image_ message{};
+  message.height = static_cast<std::uint32_t>(camera.height());
+  message.width = static_cast<std::uint32_t>(camera.width());
+  message.step = static_cast<std::uint32_t>(message.width * bytes_per_pixel);
+  message.encoding = const_cast<char*>(encoding);
+  message.data = borrowed<decltype(message.data)>(pixels, std::size_t{message.step} * message.height);
+  return message;
 }
 
 Result<void> publish_image(int writer, const Image& image, const char* frame) {
@@ -76,21 +87,18 @@ Result<void> publish_image(int writer, const Image& image, const char* frame) {
 
 }  // namespace
 
-Result<Publisher> Publisher::open(const PublisherOptions& options, const Camera& camera, double baseline_m) {
+Result<Publisher> Publisher::open(const PublisherOptions& options, const Vehicle& vehicle) {
   const bool plain = std::ranges::all_of(options.interface, [](char c) {
-    return std::isalnum(static_cast<unsigned char>(c)) ||
-           std::string_view("._:-@").find(c) != std::string_view::npos;
+    return std::isalnum(static_cast<unsigned char>(c)) || std::string_view("._:-@").find(c) != std::string_view::npos;
   });
-  if (options.interface.empty() || !plain)
-    return fail("dds_failed", "not a network interface: " + options.interface);
+  if (options.interface.empty() || !plain) return fail("dds_failed", "not a network interface: " + options.interface);
   const std::string configuration = "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name=\"" +
                                     options.interface +
                                     "\" multicast=\"true\"/></Interfaces></General></Domain></CycloneDDS>";
-  Publisher publisher(camera, baseline_m);
-  const dds_entity_t domain =
-      dds_create_domain(static_cast<dds_domainid_t>(options.domain), configuration.c_str());
-  if (domain < 0)
-    return dds_failed("domain " + std::to_string(options.domain) + " on " + options.interface, domain);
+  Publisher publisher(vehicle);
+  publisher.depth_as_ = options.depth_as;
+  const dds_entity_t domain = dds_create_domain(static_cast<dds_domainid_t>(options.domain), configuration.c_str());
+  if (domain < 0) return dds_failed("domain " + std::to_string(options.domain) + " on " + options.interface, domain);
   publisher.domain_ = domain;
   const dds_entity_t participant =
       dds_create_participant(static_cast<dds_domainid_t>(options.domain), nullptr, nullptr);
@@ -102,15 +110,18 @@ Result<Publisher> Publisher::open(const PublisherOptions& options, const Camera&
     const std::string& name;
     const char* hash;
   };
+  const bool disparity = options.depth_as == DepthAs::disparity;
   const Topics& topics = options.topics;
   for (const Wanted& wanted :
        {Wanted{publisher.left_, sensor_msgs_msg_dds__Image__desc, topics.left_image, image_hash},
         Wanted{publisher.right_, sensor_msgs_msg_dds__Image__desc, topics.right_image, image_hash},
-        Wanted{publisher.left_info_, sensor_msgs_msg_dds__CameraInfo__desc, topics.left_info,
-               camera_info_hash},
-        Wanted{publisher.right_info_, sensor_msgs_msg_dds__CameraInfo__desc, topics.right_info,
-               camera_info_hash},
-        Wanted{publisher.cloud_, sensor_msgs_msg_dds__PointCloud2__desc, topics.cloud, point_cloud_hash}}) {
+        Wanted{publisher.left_info_, sensor_msgs_msg_dds__CameraInfo__desc, topics.left_info, camera_info_hash},
+        Wanted{publisher.right_info_, sensor_msgs_msg_dds__CameraInfo__desc, topics.right_info, camera_info_hash},
+        Wanted{publisher.cloud_, sensor_msgs_msg_dds__PointCloud2__desc, topics.cloud, point_cloud_hash},
+        Wanted{publisher.depth_,
+               disparity ? stereo_msgs_msg_dds__DisparityImage__desc : sensor_msgs_msg_dds__Image__desc, topics.depth,
+               disparity ? disparity_hash : image_hash}}) {
+    if (&wanted.writer == &publisher.depth_ && topics.depth.empty()) continue;
     const auto writer = open_writer(participant, wanted.type, wanted.name, wanted.hash, options.best_effort);
     if (!writer) return tl::unexpected(writer.error());
     wanted.writer = *writer;
@@ -125,36 +136,72 @@ Publisher::Publisher(Publisher&& other) noexcept
       left_info_(other.left_info_),
       right_info_(other.right_info_),
       cloud_(other.cloud_),
-      camera_(std::move(other.camera_)),
-      baseline_m_(other.baseline_m_) {}
+      depth_(other.depth_),
+      depth_as_(other.depth_as_),
+      vehicle_(std::move(other.vehicle_)) {}
 
 Publisher::~Publisher() {
   if (domain_ != 0) dds_delete(domain_);
 }
 
 Result<void> Publisher::publish(const Image& left, const Image& right) {
-  if (const auto info = publish_info(left_info_, left.stamp, 0); !info) return info;
-  if (const auto info = publish_info(right_info_, right.stamp, baseline_m_); !info) return info;
+  if (const auto info = publish_info(left_info_, left.stamp, 0, vehicle_.R_rectified_left); !info) return info;
+  if (const auto info = publish_info(right_info_, right.stamp, vehicle_.baseline_m, vehicle_.R_rectified_right); !info)
+    return info;
   if (const auto image = publish_image(left_, left, "camera_left"); !image) return image;
   return publish_image(right_, right, "camera_right");
 }
 
-Result<void> Publisher::publish_info(int writer, Timestamp stamp, double baseline_m) {
+Result<void> Publisher::publish_depth(Timestamp stamp, const std::vector<float>& depth_m) {
+  if (depth_ == 0 || depth_m.empty()) return {};
+  const Camera& camera = vehicle_.camera;
+  std::vector<float> values(depth_m);
+  std::vector<std::uint16_t> millimetres;
+  if (depth_as_ == DepthAs::millimetres) {
+    for (const float metres : depth_m)
+      millimetres.push_back(metres < 65.5F ? static_cast<std::uint16_t>(std::lround(1000 * metres)) : 0);
+    auto message = picture(camera, "16UC1", millimetres.data(), sizeof millimetres.front());
+    message.header = header(stamp, "camera_left");
+    return write(depth_, &message);
+  }
+  if (depth_as_ == DepthAs::metres) {
+    auto message = picture(camera, "32FC1", values.data(), sizeof values.front());
+    message.header = header(stamp, "camera_left");
+    return write(depth_, &message);
+  }
+  const auto scale = static_cast<float>(camera.fx() * vehicle_.baseline_m);
+  for (float& value : values) value = scale / value;
+  stereo_msgs_msg_dds__DisparityImage_ message{};
+  message.header = header(stamp, "camera_left");
+  message.image = picture(camera, "32FC1", values.data(), sizeof values.front());
+  message.image.header = message.header;
+  message.f = static_cast<float>(camera.fx());
+  message.t = static_cast<float>(vehicle_.baseline_m);
+  message.min_disparity = 0.5F;
+  message.max_disparity = static_cast<float>(camera.width());
+  message.delta_d = 1.0F / 16;
+  return write(depth_, &message);
+}
+
+Result<void> Publisher::publish_info(int writer, Timestamp stamp, double baseline_m,
+                                     const Eigen::Matrix3d& R_rectified_camera) {
+  const Camera& camera = vehicle_.camera;
   sensor_msgs_msg_dds__CameraInfo_ message{};
   // By convention both cameras of a rectified pair are expressed in the left one's frame.
   message.header = header(stamp, "camera_left");
-  message.height = static_cast<std::uint32_t>(camera_.height());
-  message.width = static_cast<std::uint32_t>(camera_.width());
+  message.height = static_cast<std::uint32_t>(camera.height());
+  message.width = static_cast<std::uint32_t>(camera.width());
   message.distortion_model = const_cast<char*>("plumb_bob");
-  const std::array<double, 5> no_distortion{};
-  message.d = borrowed<decltype(message.d)>(no_distortion.data(), no_distortion.size());
-  message.k[0] = message.p[0] = camera_.fx();
-  message.k[2] = message.p[2] = camera_.cx();
-  message.k[4] = message.p[5] = camera_.fy();
-  message.k[5] = message.p[6] = camera_.cy();
+  std::vector<double> distortion = camera.distortion();
+  distortion.resize(5);
+  message.d = borrowed<decltype(message.d)>(distortion.data(), distortion.size());
+  message.k[0] = message.p[0] = camera.fx();
+  message.k[2] = message.p[2] = camera.cx();
+  message.k[4] = message.p[5] = camera.fy();
+  message.k[5] = message.p[6] = camera.cy();
   message.k[8] = message.p[10] = 1;
-  message.r[0] = message.r[4] = message.r[8] = 1;
-  message.p[3] = -camera_.fx() * baseline_m;
+  Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(message.r) = R_rectified_camera;
+  message.p[3] = -camera.fx() * baseline_m;
   return write(writer, &message);
 }
 
@@ -173,8 +220,7 @@ Result<void> Publisher::publish(const LidarScan& scan) {
   message.fields = borrowed<decltype(message.fields)>(fields.data(), fields.size());
   message.point_step = sizeof(LidarPoint);
   message.row_step = message.width * message.point_step;
-  message.data =
-      borrowed<decltype(message.data)>(scan.points.data(), scan.points.size() * sizeof(LidarPoint));
+  message.data = borrowed<decltype(message.data)>(scan.points.data(), scan.points.size() * sizeof(LidarPoint));
   message.is_dense = true;
   return write(cloud_, &message);
 }

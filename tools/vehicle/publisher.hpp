@@ -2,9 +2,7 @@
 
 #include <string>
 
-#include "calib/camera.hpp"
-#include "calib/frame.hpp"
-#include "calib/result.hpp"
+#include "vehicle/vehicle.hpp"
 
 namespace calib::vehicle {
 
@@ -13,13 +11,18 @@ struct Topics {
   std::string left_image = "/camera/left/image", right_image = "/camera/right/image";
   std::string left_info = "/camera/left/camera_info", right_info = "/camera/right/camera_info";
   std::string cloud = "/lidar/points";
+  std::string depth;  // of the left camera; empty: none is published
 };
+
+/// The message that carries depth: Image of metres or millimetres, or DisparityImage.
+enum class DepthAs { metres, millimetres, disparity };
 
 struct PublisherOptions {
   int domain = 0;
   std::string interface = "lo";
   bool best_effort = false;
   Topics topics;
+  DepthAs depth_as = DepthAs::metres;
 };
 
 /// Publishes frames as ROS 2 drivers do: Image (mono8), CameraInfo and PointCloud2 (x, y, z, intensity as
@@ -28,25 +31,27 @@ struct PublisherOptions {
 class Publisher {
  public:
   /// One per domain and process. Fails with `dds_failed`.
-  [[nodiscard]] static Result<Publisher> open(const PublisherOptions& options, const Camera& camera,
-                                              double baseline_m);
+  [[nodiscard]] static Result<Publisher> open(const PublisherOptions& options, const Vehicle& vehicle);
 
   /// Both images, each with its camera info; the stamp is the images'.
   [[nodiscard]] Result<void> publish(const Image& left, const Image& right);
   [[nodiscard]] Result<void> publish(const LidarScan& scan);
+  /// Depth along the left camera's axis, with the image's stamp; nothing when no topic was asked for.
+  [[nodiscard]] Result<void> publish_depth(Timestamp stamp, const std::vector<float>& depth_m);
 
   Publisher(Publisher&& other) noexcept;
   Publisher& operator=(Publisher&&) = delete;
   ~Publisher();
 
  private:
-  Publisher(const Camera& camera, double baseline_m) : camera_(camera), baseline_m_(baseline_m) {}
-  [[nodiscard]] Result<void> publish_info(int writer, Timestamp stamp, double baseline_m);
+  explicit Publisher(const Vehicle& vehicle) : vehicle_(vehicle) {}
+  [[nodiscard]] Result<void> publish_info(int writer, Timestamp stamp, double baseline_m,
+                                          const Eigen::Matrix3d& R_rectified_camera);
 
   int domain_ = 0;  // entity handles; 0 when there is none
-  int left_ = 0, right_ = 0, left_info_ = 0, right_info_ = 0, cloud_ = 0;
-  Camera camera_;
-  double baseline_m_;
+  int left_ = 0, right_ = 0, left_info_ = 0, right_info_ = 0, cloud_ = 0, depth_ = 0;
+  DepthAs depth_as_ = DepthAs::metres;
+  Vehicle vehicle_;
 };
 
 }  // namespace calib::vehicle

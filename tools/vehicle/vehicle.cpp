@@ -1,5 +1,6 @@
 #include "vehicle/vehicle.hpp"
 
+#include <algorithm>
 #include <memory>
 
 #include "vehicle/knock.hpp"
@@ -7,16 +8,29 @@
 #include "vehicle/rig.hpp"
 
 namespace calib::vehicle {
+namespace {
+
+/// From distances along the rays to those along the optical axis.
+void turn_to_axis(const Camera& camera, std::vector<float>& depth_m) {
+  std::size_t i = 0;
+  for (int v = 0; v < camera.height(); ++v)
+    for (int u = 0; u < camera.width(); ++u, ++i)
+      if (const auto bearing = camera.unproject(Eigen::Vector2d(u, v)))
+        depth_m[i] *= static_cast<float>(std::max(bearing->z(), 0.0));
+}
+
+}  // namespace
 
 Result<Vehicle> simulated_vehicle(const Simulation& simulation) {
-  auto rig = Rig::make(simulation.width, simulation.height);
+  auto rig = simulation.unrectified ? Rig::make_unrectified(simulation.width, simulation.height)
+                                    : Rig::make(simulation.width, simulation.height);
   if (!rig) return tl::unexpected(rig.error());
   std::shared_ptr<const WideRenderer> wide;
   if (simulation.camera) {
     rig->camera = *simulation.camera;
     rig->baseline_m = 0;
-    wide = std::make_shared<WideRenderer>(rig->camera);
   }
+  if (simulation.camera || simulation.unrectified) wide = std::make_shared<WideRenderer>(rig->camera);
   const auto scene = std::make_shared<Scene>(simulation.seed);
   const auto frame = [simulation, rig = *rig, scene, wide](std::size_t index, double t_s,
                                                            const RigidTransform& motion) -> Result<SeenFrame> {
@@ -27,18 +41,20 @@ Result<Vehicle> simulated_vehicle(const Simulation& simulation) {
     const auto key = [&](std::uint64_t sensor) { return mix(simulation.seed, index, sensor); };
     SeenFrame seen;
     seen.scan = scan(*scene, instances, simulation.lidar, T_world_lidar, key(2));
-    if (wide) {
-      Rendering left = wide->render(*scene, instances, T_world_left);
-      seen.image = expose(left, exposure, key(0));
-      seen.range_m = std::move(left.depth_m);
-    } else {
-      const RigidTransform T_world_right = T_world_left * Eigen::Translation3d(rig.baseline_m, 0, 0);
-      seen.image = expose(render(*scene, instances, rig.camera, T_world_left), exposure, key(0));
-      seen.right_image = expose(render(*scene, instances, rig.camera, T_world_right), exposure, key(1));
-    }
+    const auto look = [&](const RigidTransform& T_world_camera) {
+      return wide ? wide->render(*scene, instances, T_world_camera)
+                  : render(*scene, instances, rig.camera, T_world_camera);
+    };
+    Rendering left = look(T_world_left);
+    seen.image = expose(left, exposure, key(0));
+    if (rig.baseline_m > 0) seen.right_image = expose(look(T_world_left * rig.T_left_right()), exposure, key(1));
+    if (wide) seen.range_m = left.depth_m;
+    seen.depth_m = std::move(left.depth_m);
+    if (wide) turn_to_axis(rig.camera, seen.depth_m);
     return seen;
   };
-  return Vehicle{rig->camera, rig->baseline_m, rig->T_camera_lidar, frame};
+  return Vehicle{rig->camera, rig->baseline_m, rig->R_rectified_left, rig->R_rectified_right, rig->T_camera_lidar,
+                 frame};
 }
 
 Result<Vehicle> recorded_vehicle(const Recording& recording) {
@@ -50,7 +66,10 @@ Result<Vehicle> recorded_vehicle(const Recording& recording) {
     move_lidar(pair->scan, motion);
     return SeenFrame{*std::move(pair)};
   };
-  return Vehicle{recording.camera(), *recording.baseline_m(), recording.T_camera_lidar(), frame};
+  return Vehicle{.camera = recording.camera(),
+                 .baseline_m = *recording.baseline_m(),
+                 .T_camera_lidar = recording.T_camera_lidar(),
+                 .frame = frame};
 }
 
 }  // namespace calib::vehicle

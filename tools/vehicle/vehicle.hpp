@@ -15,12 +15,15 @@ namespace calib::vehicle {
 /// What the sensors see at one moment, and for a simulated camera of any model the truth.
 struct SeenFrame : FramePair {
   std::vector<float> range_m = {};  // along the ray of every pixel of `image`, infinite in the sky; else empty
+  std::vector<float> depth_m = {};  // along the optical axis, for simulated cameras that look ahead; else empty
 };
 
 /// A vehicle with a camera and a LiDAR, simulated or recorded.
 struct Vehicle {
-  Camera camera;                  // of both images
-  double baseline_m = 0;          // 0: no right camera
+  Camera camera;          // of both images
+  double baseline_m = 0;  // 0: no right camera
+  /// How each camera is turned in the rectified pair.
+  Eigen::Matrix3d R_rectified_left = Eigen::Matrix3d::Identity(), R_rectified_right = Eigen::Matrix3d::Identity();
   RigidTransform T_camera_lidar;  // before the LiDAR moves
   /// What the sensors see in frame `index`, `t_s` after the start, by a LiDAR that has moved by `motion` in
   /// its own frame. Stamps are not set.
@@ -31,6 +34,7 @@ struct Simulation {
   std::uint64_t seed = 1;
   int width = 960, height = 288;
   std::optional<Camera> camera;  // of any model, instead of the rectified stereo camera of that size
+  bool unrectified = false;      // the stereo camera as lenses and mounts are, instead of rectified
   bool dark = false;             // night without lights: the cameras see next to nothing, the LiDAR as much as ever
   LidarModel lidar;
 };
