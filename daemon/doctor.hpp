@@ -57,7 +57,7 @@ struct PairSeen {
   std::chrono::nanoseconds listened{};
   std::vector<TopicSeen> topics{};
   std::vector<RemoteWriter> writers{};     // on any topic
-  std::set<std::string> claimed_topics{};  // of all pairs of the configuration
+  std::set<std::string> claimed_topics{};  // not what was meant: they serve something else
   std::optional<ImageSize> image{};
   std::optional<CameraInfo> camera_info{};
   std::optional<CloudCensus> cloud{};

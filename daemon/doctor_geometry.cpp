@@ -73,8 +73,9 @@ Finding judge_rectified(const PairSeen& seen, const std::string& what) {
   return finding;
 }
 
-Finding judge_lens(const PairSeen& seen) {
+Finding judge_lens(const PairSeen& seen, const std::vector<Finding>& findings) {
   if (!seen.camera_info) return not_checked("lens", "no CameraInfo came to compare the configured lens with");
+  if (has_problem(findings, {"image_size"})) return not_checked("lens", "the image's size is to be put right first");
   const CameraInfo& info = *seen.camera_info;
   const Camera& camera = seen.camera;
   if (info.width != camera.width() || info.height != camera.height())
@@ -169,6 +170,12 @@ Finding judge_depth(const PairSeen& seen) {
   if (!seen.depth) {
     const Error& error = seen.depth.error();
     if (error.code == "no_pair") return not_checked("depth", error.context);
+    if (error.code == "depth_model_refused")
+      return problem(
+          "depth", error.code, error.context,
+          "the network's file, its descriptor or its golden pair was altered, or is not the one that was meant",
+          "put back the network that the descriptor was written for, or write a descriptor for this one; then "
+          "restart calibd");
     return problem("depth", error.code, error.context, "the source of depth does not work with what it is given",
                    "do what the message says; `calibctl check-config` reads the configuration anew");
   }
@@ -261,7 +268,7 @@ Finding judge_extrinsic(const PairSeen& seen, const std::vector<Finding>& findin
 
 void diagnose_geometry(const PairSeen& seen, std::vector<Finding>& findings) {
   findings.push_back(judge_image_size(seen));
-  findings.push_back(judge_lens(seen));
+  findings.push_back(judge_lens(seen, findings));
   findings.push_back(judge_cloud_range(seen));
   findings.push_back(judge_scene(seen));
   findings.push_back(judge_depth(seen));

@@ -143,7 +143,9 @@ Finding judge_topic(const PairSeen& seen, const TopicSeen& topic) {
   return finding;
 }
 
-bool counts_for_clocks(const TopicSeen& topic) { return topic.age.has_value() && topic.check != "camera_info"; }
+bool counts_for_clocks(const TopicSeen& topic) {
+  return topic.age.has_value() && topic.check != "camera_info" && topic.check != "right_camera_info";
+}
 
 /// How far a message's stamp may be from its arrival: exposure, readout, transport and a busy computer.
 bool is_off(nanoseconds age) { return age > std::chrono::seconds(2) || age < -std::chrono::milliseconds(500); }

@@ -89,16 +89,17 @@ struct Scene {
   }
 };
 
-/// The reading that depth agrees with best, when that is well and clearly better than with the given one.
+/// The reading that depth agrees with best, when that is well and clearly better than with the given one. Few rotations
+/// become a camera that sees the same when they are multiplied by 57, so that reading needs no photo finish.
 void find_by_depth(const Scene& scene, const std::vector<ExtrinsicReading>& readings, ExtrinsicOpinion& opinion) {
-  constexpr double good = 0.5, clearly = 0.2, as_good = 0.003;
+  constexpr double good = 0.5, clearly = 0.2;
   double best = good;
   if (opinion.agreement) best = std::max(best, opinion.agreement->rank_correlation + clearly);
   for (const ExtrinsicReading& reading : readings) {
     const auto agreement = scene.agreement(reading.T_camera_lidar);
     if (!agreement || agreement->rank_correlation < best) continue;
     opinion.likely = reading, opinion.likely_agreement = agreement;
-    best = agreement->rank_correlation + as_good;
+    best = agreement->rank_correlation + (reading.code == "radians_as_degrees" ? 0.05 : 0.003);
   }
 }
 

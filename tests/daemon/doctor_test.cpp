@@ -277,6 +277,9 @@ TEST_CASE("depth that is inverted, unrelated, weak, of another lens or failed is
   seen.depth = fail("depth_failed", "the model is not the one that was pinned");
   CHECK(problems(seen) == Names{"depth/depth_failed"});
   CHECK(with(0.2).result == FindingResult::not_checked);
+  seen.depth = fail("depth_model_refused", "its SHA-256 is not the one that is pinned");
+  CHECK(problems(seen) == Names{"depth/depth_model_refused"});
+  CHECK(holds(finding(seen, "depth").cause, "altered"));
 }
 
 TEST_CASE("a dark scene is a warning") {
