@@ -69,11 +69,11 @@ Image slope(const Camera& camera) {
 class OnnxDepth final : public DepthEstimator {
  public:
   OnnxDepth(DepthModel model, const Camera& camera, const OnnxSettings& settings)
-      : model_(std::move(model)), camera_(camera), keep_session_(settings.keep_session), network_(model_, settings) {}
+      : model_(std::move(model)), camera_(camera), network_(model_, settings) {}
 
   Result<std::string> prepare() override {
     const auto tested = self_test();
-    if (!keep_session_) network_.drop();
+    network_.rest();
     proven_ = tested.has_value();
     if (!tested) return tl::unexpected(tested.error());
     std::string remark = network_.remark();
@@ -93,7 +93,7 @@ class OnnxDepth final : public DepthEstimator {
       if (const auto prepared = prepare(); !prepared) return tl::unexpected(prepared.error());
     const Placement placement = place(model_.input, pair.image.width, pair.image.height);
     const auto map = run(pair.image, placement);
-    if (!keep_session_) network_.drop();
+    network_.rest();
     if (!map) return tl::unexpected(map.error());
     return to_depth(model_.output, placement, *map, camera_);
   }
@@ -122,7 +122,6 @@ class OnnxDepth final : public DepthEstimator {
 
   DepthModel model_;
   Camera camera_;
-  bool keep_session_;
   bool proven_ = false;
   OnnxNetwork network_;
 };

@@ -1,5 +1,7 @@
 #include "onnx_network.hpp"
 
+#include <malloc.h>
+
 #include <algorithm>
 #include <array>
 #include <cctype>
@@ -120,13 +122,21 @@ Result<void> OnnxNetwork::load() {
     open(*bytes);
     auto checked = check_input();
     if (checked) checked = check_output();
-    if (!checked) drop();
+    if (!checked) session_.reset();
     return checked;
   } catch (const Ort::Exception& exception) {
-    drop();
+    session_.reset();
     return refuse(std::string("ONNX Runtime ") + OrtGetApiBase()->GetVersionString() + " cannot load it: " +
                   first_line(exception) + "; export the network again with operators that this version has");
   }
+}
+
+void OnnxNetwork::rest() {
+  if (!settings_.keep_session) session_.reset();
+#ifdef __GLIBC__
+  // What loading and running leave behind is free, and yet resident: several times the network itself.
+  if (!settings_.memory_arena) malloc_trim(0);
+#endif
 }
 
 Result<void> OnnxNetwork::check_input() {

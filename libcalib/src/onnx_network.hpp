@@ -12,14 +12,15 @@
 
 namespace calib {
 
-/// A network in ONNX Runtime: read when it is needed, and dropped when that is asked for.
+/// A network in ONNX Runtime: read when it is needed.
 class OnnxNetwork {
  public:
   OnnxNetwork(const DepthModel& model, const OnnxSettings& settings);
 
   /// Reads the network unless it is there already. Fails with `depth_failed`.
   [[nodiscard]] Result<void> load();
-  void drop() { session_.reset(); }
+  /// Until the next `run`: drops the network unless it is to be kept, and gives memory back to the system.
+  void rest();
 
   /// The network's map for an input of the placement's size, after `load`. Fails with `depth_failed` also where a value
   /// is not a number.
