@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdlib>
 #include <opencv2/imgproc.hpp>
 
 namespace calib {

@@ -56,6 +56,8 @@ void append_provider(Ort::SessionOptions& options, const std::string& plain) {
   throw Ort::Exception("this ONNX Runtime has " + names, ORT_INVALID_ARGUMENT);
 }
 
+constexpr int any = -1;  // as ONNX Runtime tells sides that may vary
+
 std::string shape_text(const std::vector<std::int64_t>& shape) {
   std::string text;
   for (const std::int64_t side : shape) text += (text.empty() ? "" : " x ") + (side < 0 ? "any" : std::to_string(side));
@@ -67,9 +69,9 @@ std::array<std::int64_t, 4> input_shape(const NetworkInput& input, const Placeme
   return {1, placement.height, placement.width, input.channels()};
 }
 
-/// Height and width in a shape of rank 3 or 4 that holds one map; a side below 0 is not known yet.
+/// Height and width in a shape of rank 3 or 4 that holds one map.
 std::optional<std::pair<std::int64_t, std::int64_t>> map_size(const std::vector<std::int64_t>& shape) {
-  const auto one = [&](std::size_t i) { return shape[i] == 1 || shape[i] < 0; };
+  const auto one = [&](std::size_t i) { return shape[i] == 1; };
   if (shape.size() == 3 && one(0)) return std::pair(shape[1], shape[2]);
   if (shape.size() == 4 && one(0) && one(1)) return std::pair(shape[2], shape[3]);
   if (shape.size() == 4 && one(0) && one(3)) return std::pair(shape[1], shape[2]);
@@ -156,16 +158,12 @@ Result<void> OnnxNetwork::check_input() {
       type.GetTensorTypeAndShapeInfo().GetElementType() != ONNX_TENSOR_ELEMENT_DATA_TYPE_FLOAT)
     return refuse("its input " + input.name + " is no tensor of 32-bit floats; export it with one");
   const auto shape = type.GetTensorTypeAndShapeInfo().GetShape();
-  // What follows the image's size is not known here, and ONNX Runtime checks it at each run.
+  // A size that follows the image's is for ONNX Runtime to check at each run.
   const bool follows_image = input.fit == Fit::lower_bound || input.fit == Fit::upper_bound;
-  auto wanted = input_shape(input, {input.width, input.height, 0, 0, input.width, input.height});
-  bool fits = shape.size() == wanted.size();
-  for (std::size_t i = 0; fits && i < wanted.size(); ++i) {
-    const bool side =
-        i >= 2 ? input.layout == TensorLayout::nchw || i == 2 : i == 1 && input.layout == TensorLayout::nhwc;
-    if (side && follows_image) wanted[i] = -1;
-    fits = shape[i] < 0 || shape[i] == wanted[i];
-  }
+  const int width = follows_image ? any : input.width, height = follows_image ? any : input.height;
+  const auto wanted = input_shape(input, {width, height, 0, 0, 0, 0});
+  const auto agree = [](std::int64_t is, std::int64_t should_be) { return is < 0 || should_be < 0 || is == should_be; };
+  const bool fits = shape.size() == wanted.size() && std::ranges::equal(shape, wanted, agree);
   if (fits) return {};
   return refuse("its input " + input.name + " is " + shape_text(shape) + " where " + descriptor + " asks for " +
                 shape_text({wanted.begin(), wanted.end()}) + "; correct input.layout, size or channel_order there");

@@ -4,7 +4,7 @@
 #include <array>
 #include <cmath>
 #include <fstream>
-#include <numeric>
+#include <thread>
 
 #include "support/catch.hpp"
 #include "support/support.hpp"
@@ -255,6 +255,16 @@ TEST_CASE("a cancelled network gives no depth any more") {
   estimator->cancel();
   CHECK(estimator->estimate(slope(true)).error().code == "depth_failed");
   CHECK(estimator->prepare().error().code == "depth_failed");
+}
+
+TEST_CASE("a network that is running is cancelled from another thread") {
+  const auto estimator = network("bench_640x192");
+  const FramePair pair = slope(true);
+  REQUIRE(estimator->estimate(pair).has_value());
+  std::thread other([&] { estimator->cancel(); });
+  while (estimator->estimate(pair)) {
+  }
+  other.join();
 }
 
 TEST_CASE("an image of another size than the camera's has no depth") {

@@ -13,7 +13,7 @@ struct OnnxSettings {
   int threads = 1;
   /// Threads wait for work in a busy loop: a little faster with two and more, and takes a whole core each.
   bool spinning = false;
-  /// Keeps the tensors' memory between runs: a little faster.
+  /// Keeps the tensors' memory between runs: a little faster, for several times the network's own memory.
   bool memory_arena = false;
   /// Without it the network is read anew for every estimate, and takes no memory in between.
   bool keep_session = true;
@@ -23,7 +23,12 @@ struct OnnxSettings {
 
 /// Depth from an image by the network that the YAML file `descriptor` describes (depth_model.hpp), for images of
 /// `camera`. Reads and checks the descriptor alone; the network is read by `prepare`, or by the first `estimate`.
-/// Fails with `bad_config`, and one line `FILE:LINE: key: what is wrong; what to write`.
+/// Fails as `load_depth_model` does, and with `bad_config` when the camera's images would become too large for it.
+///
+/// An image is grey to a colour network when it has no `rgb`. Whatever else is wrong, with the network's file, its
+/// inputs and outputs or what comes out, fails `prepare` and every `estimate` with `depth_failed`; a golden pair that
+/// does not fit with a text that begins "depth model self-test failed". On the CPU, estimates do not depend on
+/// the settings.
 [[nodiscard]] Result<std::unique_ptr<DepthEstimator>> make_onnx_depth(const std::filesystem::path& descriptor,
                                                                       const Camera& camera,
                                                                       const OnnxSettings& settings);
