@@ -250,7 +250,8 @@ Finding judge_extrinsic(const PairSeen& seen, const std::vector<Finding>& findin
   if (opinion.plausible() || (swapped(seen) && !opinion.sees_nothing)) return fine("extrinsic", what);
   if (!opinion.likely)
     return problem("extrinsic", "extrinsic_out_of_view", what, "the camera looks where the cloud has no points",
-                   "correct T_camera_lidar: it maps points of the LiDAR into the camera's optical frame");
+                   "correct T_camera_lidar: it maps points of the LiDAR into the camera's optical frame; were angles "
+                   "taken in the wrong unit or order?");
   if (opinion.likely_agreement)
     what += fmt::format("; rank correlation with depth {}, read otherwise {:.2f}",
                         opinion.agreement ? fmt::format("{:.2f}", opinion.agreement->rank_correlation) : "none",

@@ -14,8 +14,8 @@ using std::chrono::steady_clock;
 /// A pair is listened to until every topic has brought enough, within these bounds.
 constexpr std::chrono::milliseconds shortest_listening{500}, long_enough_for_a_pair{1500}, longest_listening{5000};
 constexpr std::uint64_t enough_messages = 5;
-/// Depth that is this good needs no other explanations.
-constexpr double good_agreement = 0.5;
+/// Depth that is this good needs no other explanations. Exchanged stereo images match here and there by chance.
+constexpr double good_agreement = 0.7, good_share = 0.3;
 
 /// Where drivers publish what a camera says about itself: beside its image.
 std::string info_beside(std::string image) {
@@ -159,7 +159,7 @@ DepthTrial trial(const DepthMap& depth, const PairSeen& seen, const RigidTransfo
 
 bool is_good(const PairSeen& seen) {
   const auto& agreement = seen.extrinsic ? seen.extrinsic->agreement : std::nullopt;
-  return seen.depth && seen.depth->valid_share >= seen.min_valid_depth && agreement &&
+  return seen.depth && seen.depth->valid_share >= good_share && agreement &&
          agreement->rank_correlation > good_agreement;
 }
 

@@ -8,6 +8,8 @@ namespace calib {
 namespace {
 
 constexpr double degrees_per_radian = 1 / radians_per_degree;
+/// A rank correlation of depth from which it speaks for an extrinsic, if other things do.
+constexpr double not_contradicting = 0.5;
 
 struct View {
   std::size_t points;  // in view
@@ -89,10 +91,12 @@ struct Scene {
   }
 };
 
-/// The reading that depth agrees with best, when that is well and clearly better than with the given one. Few rotations
-/// become a camera that sees the same when they are multiplied by 57, so that reading needs no photo finish.
+/// The reading that depth agrees with best, when that is well and clearly better than with the given one; a camera on
+/// its side needs less to be doubted. Few rotations become a camera that sees the same when they are multiplied by 57,
+/// so that reading needs no photo finish.
 void find_by_depth(const Scene& scene, const std::vector<ExtrinsicReading>& readings, ExtrinsicOpinion& opinion) {
-  constexpr double good = 0.5, clearly = 0.2;
+  constexpr double good = 0.75;
+  const double clearly = opinion.upright ? 0.2 : 0.05;
   double best = good;
   if (opinion.agreement) best = std::max(best, opinion.agreement->rank_correlation + clearly);
   for (const ExtrinsicReading& reading : readings) {
@@ -114,14 +118,17 @@ void find_by_view(const Scene& scene, const std::vector<ExtrinsicReading>& readi
     if (!view.upright || sees_nothing(view, scene.scan) || 5 * view.points < 6 * most) continue;
     best = &reading, most = view.points;
   }
-  if (best && 10 * most > 7 * opinion.points_in_view) opinion.likely = *best;
+  if (!best || 10 * most <= 7 * opinion.points_in_view) return;
+  opinion.likely_agreement = scene.agreement(best->T_camera_lidar);
+  const bool contradicted =
+      scene.depth && !(opinion.likely_agreement && opinion.likely_agreement->rank_correlation > not_contradicting);
+  if (!contradicted) opinion.likely = *best;
 }
 
 }  // namespace
 
 ExtrinsicOpinion examine_extrinsic(const Camera& camera, const RigidTransform& T_camera_lidar, const LidarScan& scan,
                                    const DepthMap* depth) {
-  constexpr double trusted = 0.5;
   const Scene scene{camera, scan, depth};
   const View given = view_of(camera, T_camera_lidar, scan);
   ExtrinsicOpinion opinion{.points_in_view = given.points,
@@ -132,7 +139,7 @@ ExtrinsicOpinion examine_extrinsic(const Camera& camera, const RigidTransform& T
                            .likely_agreement = {}};
   const auto readings = other_readings(T_camera_lidar);
   if (depth) find_by_depth(scene, readings, opinion);
-  const bool agrees = opinion.agreement && opinion.agreement->rank_correlation > trusted;
+  const bool agrees = opinion.agreement && opinion.agreement->rank_correlation > not_contradicting;
   if (!opinion.likely && !agrees && (opinion.sees_nothing || !opinion.upright)) find_by_view(scene, readings, opinion);
   return opinion;
 }
@@ -140,7 +147,7 @@ ExtrinsicOpinion examine_extrinsic(const Camera& camera, const RigidTransform& T
 Result<void> check_extrinsic(const Camera& camera, const RigidTransform& T_camera_lidar, const LidarScan& scan) {
   const ExtrinsicOpinion opinion = examine_extrinsic(camera, T_camera_lidar, scan);
   if (opinion.plausible()) return {};
-  return fail("extrinsic_implausible", "T_camera_lidar puts " + std::to_string(opinion.points_in_view) + " of " +
+  return fail("extrinsic_implausible", "T_camera_lidar brings " + std::to_string(opinion.points_in_view) + " of " +
                                            std::to_string(scan.points.size()) + " points into the image" +
                                            (opinion.upright ? "" : " and the camera on its side") +
                                            (opinion.likely ? ": " + std::string(opinion.likely->words) : ""));

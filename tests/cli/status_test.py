@@ -152,7 +152,7 @@ def test_a_snapshot_that_is_none_fails(calibctl, content):
     b'{"ok":true,"status":{}}', b'{"ok":false,"code":1,"message":2}\n', b"\xff\n", b"x" * (5 << 20)])
 def test_a_peer_that_answers_nonsense_is_a_failure(calibctl, peer, reply):
     peer(reply)
-    for command in (["status"], ["recalibrate", "front"], ["accept", "front"], ["rollback", "front"]):
+    for command in (["status"], ["recalibrate", "front"], ["accept", "front"], ["rollback", "front"], ["doctor"]):
         ended = calibctl(*command)
         assert ended.exit == FAILED and ended.out == "" and ended.err.startswith("calibctl: ")
 
@@ -181,8 +181,43 @@ def test_what_was_decided_is_the_exit_code(calibctl, peer, answer, exit_code):
     assert "1.00 degrees to the right" in ended.out and "2.0 cm up" in ended.out
 
 
+def examination(**results):
+    return {"ok": True, "overlays": [], "checks": [
+        {"pair": "front", "check": check, "result": result, "seen": "words \x1b[31m",
+         **({"code": "code", "cause": "of it", "remedy": "for it"} if result in ("problem", "warning") else {})}
+        for check, result in results.items()]}
+
+
+@pytest.mark.parametrize("results, exit_code", [
+    ({"extrinsic": "ok", "agreement": "ok", "lens": "not_checked"}, DONE), ({"agreement": "ok", "scene": "warning"}, DONE),
+    ({"extrinsic": "ok", "agreement": "ok", "lens": "problem"}, FAILED), ({"extrinsic": "not_checked"}, NO),
+    ({"extrinsic": "ok", "agreement": "not_checked", "scene": "warning"}, NO)])
+def test_what_the_doctor_found_is_the_exit_code(calibctl, peer, results, exit_code):
+    peer(examination(**results))
+    ended = calibctl("doctor")
+    assert ended.exit == exit_code
+    assert "\x1b" not in ended.out and ": words \\x1b[31m\n" in ended.out
+
+
+@pytest.mark.parametrize("reply", [
+    {"ok": True, "checks": [], "overlays": []}, {"ok": True, "checks": [{"pair": "front"}], "overlays": []},
+    {**examination(extrinsic="splendid")}, {**examination(extrinsic="ok"), "overlays": [7]}])
+def test_an_examination_that_is_not_understood_is_a_failure(calibctl, peer, reply):
+    peer(reply)
+    ended = calibctl("doctor")
+    assert ended.exit == FAILED and ended.out == "" and "not understood" in ended.err
+
+
+def test_a_picture_that_cannot_be_copied_is_a_failure(calibctl, peer, tmp_path):
+    peer({**examination(agreement="ok"), "overlays": [{"pair": "front", "file": "/nowhere/front.png"}]})
+    ended = calibctl("doctor", "--overlay", tmp_path / "pictures")
+    assert ended.exit == FAILED and "/nowhere/front.png cannot be copied" in ended.err
+
+
 @pytest.mark.parametrize("arguments, question", [
     (["status"], {"request": "status"}),
+    (["doctor"], {"request": "doctor", "pair": None}),
+    (["doctor", "front", "--json"], {"request": "doctor", "pair": "front"}),
     (["recalibrate", "front"], {"request": "recalibrate", "pair": "front", "dry_run": False}),
     (["recalibrate", "front", "--dry-run"], {"request": "recalibrate", "pair": "front", "dry_run": True}),
     (["accept", 'a "pair"'], {"request": "accept", "pair": 'a "pair"'}),

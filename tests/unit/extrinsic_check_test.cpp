@@ -150,5 +150,5 @@ TEST_CASE("a camera that looks away from all points is refused") {
   const Scans scans;
   const auto rig = test::require_ok(vehicle::Rig::make(960, 288));
   const auto text = complaint(rig.camera, mounting(180), scans.front);
-  CHECK(holds(text, "puts 0 of "));
+  CHECK(holds(text, "brings 0 of "));
 }

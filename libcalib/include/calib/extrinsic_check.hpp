@@ -11,7 +11,7 @@ namespace calib {
 
 /// A way to read the numbers that were meant to be T_camera_lidar.
 struct ExtrinsicReading {
-  /// `inverse`, `body_frame`, `inverse_body_frame`, `radians_as_degrees`, `degrees_as_radians` or `quaternion_wxyz`.
+  /// `inverse`, `body_frame`, `inverse_body_frame`, `radians_as_degrees` or `quaternion_wxyz`.
   std::string_view code;
   std::string_view words;  // "it looks like ..."
   RigidTransform T_camera_lidar;
@@ -35,8 +35,9 @@ struct ExtrinsicOpinion {
 
 /// Examines `T_camera_lidar`, which should map the LiDAR's frame (z up) to the camera's optical frame (x right, y down,
 /// z forward). Other readings are: the inverse, a camera's body frame (x forward, y left, z up), both of these, angles
-/// given in the wrong unit, and a quaternion in the order w, x, y, z. A camera that is mounted on its side or upside
-/// down is plausible: no other reading sets it upright.
+/// in radians that were taken for degrees, and a quaternion in the order w, x, y, z. (Degrees that were taken for
+/// radians leave only the remainder of a turn: they could have been anything.) A camera that is mounted on its side or
+/// upside down is plausible: no other reading sets it upright.
 ///
 /// Without `depth` a reading fits when it has the points in view and sets the camera upright, and the given one does
 /// not; the order of a quaternion cannot be told so. With `depth` that, too, must agree with the scan, and better than
