@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <cmath>
 #include <future>
 #include <thread>
 
@@ -22,6 +23,12 @@ bool is_rotation(const Eigen::Matrix3d& R) {
   return (R * R.transpose() - Eigen::Matrix3d::Identity()).norm() < 1e-3 && R.determinant() > 0;
 }
 
+bool alike(const Camera& a, const Camera& b) {
+  const auto differ = [](double x, double y) { return std::abs(x - y) > 0.5; };
+  return a.width() == b.width() && a.height() == b.height() && !differ(a.fx(), b.fx()) && !differ(a.fy(), b.fy()) &&
+         !differ(a.cx(), b.cx()) && !differ(a.cy(), b.cy());
+}
+
 bool same(const CameraInfo& a, const CameraInfo& b) {
   return a.width == b.width && a.height == b.height && a.model == b.model && a.K == b.K && a.D == b.D && a.P == b.P &&
          a.R == b.R;
@@ -40,6 +47,8 @@ Result<RightCamera> right_camera(const Camera& left, const std::optional<CameraI
   if (left.model() == CameraModel::rectified) {
     auto camera = Camera::make(CameraModel::rectified, right_info.width, right_info.height, {P[0], P[5], P[2], P[6]});
     if (!camera) return refuse("is of no camera: " + camera.error().context);
+    // People write down fewer digits than cameras send: what is meant to be the same is.
+    if (alike(left, *camera)) return rectified_right_camera(left, -baseline.translation().x());
     return RightCamera{std::move(*camera), baseline};
   }
   const auto& K = right_info.K;

@@ -66,6 +66,11 @@ TEST_CASE("the right camera is where both CameraInfo say") {
   const auto beside = require_ok(right_camera(straight.camera, std::nullopt, info(straight, true)));
   CHECK(distance(beside.T_right_left, RigidTransform(Eigen::Translation3d(-straight.baseline_m, 0, 0))) < 1e-12);
   CHECK(beside.camera.model() == CameraModel::rectified);
+  CameraInfo digits = info(straight, true);
+  digits.P[0] += 1e-4;
+  CHECK(require_ok(right_camera(straight.camera, std::nullopt, digits)).camera.fx() == straight.camera.fx());
+  digits.P[2] += 5;  // the two pictures are not of the same directions
+  CHECK(require_ok(right_camera(straight.camera, std::nullopt, digits)).camera.cx() == straight.camera.cx() + 5);
 }
 
 TEST_CASE("CameraInfo of cameras that nobody calibrated as a pair is refused, and says what to do") {

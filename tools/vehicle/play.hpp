@@ -29,8 +29,7 @@ struct PlayOptions {
   bool print_config = false;
   std::filesystem::path dump, overlay;
   std::size_t overlay_frame = 0;
-  std::array<double, 7>
-      overlay_T_camera_lidar{};  // x, y, z, qx, qy, qz, qw; all zero: the vehicle's before it moves
+  std::array<double, 7> overlay_T_camera_lidar{};  // x, y, z, qx, qy, qz, qw; all zero: the vehicle's before it moves
 };
 
 /// Options that the simulated and the recorded vehicle have in common.

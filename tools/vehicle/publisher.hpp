@@ -36,7 +36,8 @@ class Publisher {
   /// Both images, each with its camera info; the stamp is the images'.
   [[nodiscard]] Result<void> publish(const Image& left, const Image& right);
   [[nodiscard]] Result<void> publish(const LidarScan& scan);
-  /// Depth along the left camera's axis, with the image's stamp; nothing when no topic was asked for.
+  /// Depth along the left camera's axis, with the image's stamp; nothing when no topic was asked for. Fails also with
+  /// `no_depth`.
   [[nodiscard]] Result<void> publish_depth(Timestamp stamp, const std::vector<float>& depth_m);
 
   Publisher(Publisher&& other) noexcept;
