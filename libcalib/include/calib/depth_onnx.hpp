@@ -8,14 +8,14 @@
 
 namespace calib {
 
-/// How ONNX Runtime runs a network. The defaults are the ones that need the least memory and processor.
+/// How ONNX Runtime runs a network. The defaults need little memory and processor; tests/bench/README.md has figures.
 struct OnnxSettings {
   int threads = 1;
   /// Threads wait for work in a busy loop: a little faster with two and more, and takes a whole core each.
   bool spinning = false;
   /// Keeps the tensors' memory between runs: a little faster, for several times the network's own memory.
   bool memory_arena = false;
-  /// Without it the network is read anew for every estimate, and takes no memory in between.
+  /// Without it the network is read anew for every estimate, and ONNX Runtime alone takes memory in between.
   bool keep_session = true;
   /// By ONNX Runtime's name, any case, with or without ExecutionProvider: cpu, cuda, tensorrt, openvino, ..
   std::string execution_provider = "cpu";
