@@ -168,9 +168,15 @@ Finding judge_clock(const PairSeen& seen) {
                      "let the driver stamp each message with the time of its measurement");
     if (is_off(*topic->age)) off.push_back(topic);
   }
+  nanoseconds furthest{};
   std::string what;
-  for (const TopicSeen* topic : timed) what += (what.empty() ? "" : ", ") + age_words(*topic);
-  if (off.empty()) return {"clock", FindingResult::ok, {}, what, {}, {}};
+  for (const TopicSeen* topic : timed) {
+    furthest = std::max(furthest, std::chrono::abs(*topic->age));
+    what += (what.empty() ? "" : ", ") + age_words(*topic);
+  }
+  if (off.empty())
+    return {"clock", FindingResult::ok, {}, "stamps are within " + duration_words(furthest) + " of calibd's clock", {},
+            {}};
   const bool ahead = *off.front()->age < nanoseconds(0);
   const auto far_apart = [&](const TopicSeen* topic) { return is_off(*topic->age - *off.front()->age); };
   const bool alike = off.size() == timed.size() && std::ranges::none_of(timed, far_apart);
