@@ -8,6 +8,9 @@ PairMonitor::PairMonitor(const PairMonitorSettings& settings, const Camera& came
       camera_(camera),
       depth_(std::move(depth)),
       T_camera_lidar_(T_camera_lidar),
+      // Tiles and intensity know little of errors that are the same all over the image.
+      objective_(settings.depth_is_guessed ? final_objective(Method::standard, {true, true, true, false, false, false})
+                                           : depth_objective),
       drift_(settings.drift, std::move(drift)) {}
 
 std::size_t PairMonitor::wanted_pairs() const {
@@ -21,14 +24,13 @@ Result<PairMonitor::Evidence> PairMonitor::evaluate(const FramePair& pair) {
   if (!depth) return tl::unexpected(depth.error());
   mask_depth(pair.image, settings_.quality.depth_range, *depth);
   if (auto good = check_depth(*depth, settings_.quality); !good) return tl::unexpected(good.error());
-  auto features =
-      make_features(pair, *depth, camera_, T_camera_lidar_,
-                    {.bounds = settings_.bounds, .min_points = settings_.quality.min_points});
+  auto features = make_features(pair, *depth, camera_, T_camera_lidar_,
+                                {.bounds = settings_.bounds, .min_points = settings_.quality.min_points});
   if (!features) return tl::unexpected(features.error());
 
   last_scene_ = thumbnail(pair.image);
   Evidence evidence;
-  evidence.stencil = evaluate_stencil(*features, T_camera_lidar_);
+  evidence.stencil = evaluate_stencil(*features, T_camera_lidar_, {}, objective_);
   evidence.verdict = drift_.observe(evidence.stencil, features->stamp);
   kept_.push_back(std::move(*features));
   if (kept_.size() > wanted_pairs()) kept_.pop_front();
@@ -57,7 +59,7 @@ Result<PairMonitor::Outcome> PairMonitor::recalibrate() const {
     (i % 5 == 4 ? held_back : fit).push_back(frames[i]);
     outcome.frames.push_back(frames[i]->stamp);
   }
-  RecalibrationSettings settings{.bounds = settings_.bounds};
+  RecalibrationSettings settings{.bounds = settings_.bounds, .translation = !settings_.depth_is_guessed};
   if (!drift_.first_sign()) {
     settings.min_change_rotation_rad = settings_.drift.max_bias_rotation_rad;
     settings.min_change_translation_m = settings_.drift.max_bias_translation_m;

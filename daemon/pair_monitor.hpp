@@ -16,6 +16,9 @@ struct PairMonitorSettings {
   SearchBounds bounds;
   QualityLimits quality;
   DriftSettings drift;
+  /// From one image, by a network: it errs alike in all images of a road, which shifts the optimum's translation by
+  /// decimetres, on pairs held back too. Then recalibration turns the LiDAR only.
+  bool depth_is_guessed = false;
 };
 
 /// Watches one camera-LiDAR pair: from a pair of samples to evidence, from evidence to a verdict, and from the pairs
@@ -61,6 +64,7 @@ class PairMonitor {
   Camera camera_;
   std::unique_ptr<DepthEstimator> depth_;
   RigidTransform T_camera_lidar_;
+  Objective objective_;
   DriftMonitor drift_;
   std::deque<FeatureSet> kept_;
   std::optional<SceneThumbnail> last_scene_;

@@ -1,3 +1,4 @@
+#include <limits>
 #include <nlohmann/json.hpp>
 
 #include "journal.hpp"
@@ -21,6 +22,11 @@ PairMonitorSettings monitor_settings(const PairConfig& pair) {
   settings.bounds = {pair.recalibration.max_rotation_rad, pair.recalibration.max_translation_m};
   settings.quality.depth_range = pair.depth_range;
   settings.drift.baseline_pairs = pair.drift.baseline_pairs;
+  settings.depth_is_guessed = std::holds_alternative<OnnxDepthConfig>(pair.depth);
+  if (settings.depth_is_guessed) {  // its own bias, before that is learned as what is normal
+    settings.drift.max_bias_rotation_rad = radians_per_degree;
+    settings.drift.max_bias_translation_m = std::numeric_limits<double>::infinity();
+  }
   return settings;
 }
 

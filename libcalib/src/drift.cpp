@@ -16,24 +16,23 @@ constexpr double start_sigmas = 4;
 /// An axis is observable when its mean curvature is this many standard errors below zero.
 constexpr double observable_sigmas = 3;
 
-double deviation(double sum_of_squares, int count) {
-  return count < 2 ? 0 : std::sqrt(sum_of_squares / (count - 1));
-}
+double deviation(double sum_of_squares, int count) { return count < 2 ? 0 : std::sqrt(sum_of_squares / (count - 1)); }
 
 /// How far beyond the bias of a depth source the optimum lies along an axis, in standard errors. Where there is no hill
 /// at all, any significant slope counts: then the extrinsic is far off.
 double start_misalignment(const DriftBaseline& seen, int axis, double max_bias) {
   const double slope_error = deviation(seen.slope_squares[axis], seen.pairs) / std::sqrt(seen.pairs);
   if (slope_error <= 0) return 0;
+  if (!std::isfinite(max_bias)) return 0;
   const double allowed = std::max(0.0, -seen.curvature[axis]) * max_bias;
   return (std::abs(seen.slope[axis]) - allowed) / slope_error;
 }
 
 /// "yaw 0.62 degrees to the left": the motion of the LiDAR, as words.
 std::string axis_in_words(int axis, double delta) {
-  static constexpr const char* positive[] = {"right side down", "nose down", "to the left",
+  static constexpr const char* positive[] = {"right side down", "nose down",   "to the left",
                                              "forward",         "to the left", "up"};
-  static constexpr const char* negative[] = {"left side down", "nose up", "to the right",
+  static constexpr const char* negative[] = {"left side down", "nose up",      "to the right",
                                              "back",           "to the right", "down"};
   const double shown = axis < 3 ? delta / radians_per_degree : delta * 100;
   char text[96];
@@ -46,13 +45,14 @@ std::string axis_in_words(int axis, double delta) {
 
 double Stencil::best_neighbour() const { return std::max(minus.maxCoeff(), plus.maxCoeff()); }
 
-Stencil evaluate_stencil(const FeatureSet& frame, const RigidTransform& T_camera_lidar, const StencilStep& step) {
+Stencil evaluate_stencil(const FeatureSet& frame, const RigidTransform& T_camera_lidar, const StencilStep& step,
+                         const Objective& objective) {
   Stencil stencil;
-  stencil.current = score(frame, T_camera_lidar).value;
+  stencil.current = score(frame, T_camera_lidar, objective).value;
   for (int axis = 0; axis < 6; ++axis) {
     const Vector6 delta = Vector6::Unit(axis) * step.of_axis(axis);
-    stencil.minus[axis] = score(frame, T_camera_lidar * perturbation(-delta)).value;
-    stencil.plus[axis] = score(frame, T_camera_lidar * perturbation(delta)).value;
+    stencil.minus[axis] = score(frame, T_camera_lidar * perturbation(-delta), objective).value;
+    stencil.plus[axis] = score(frame, T_camera_lidar * perturbation(delta), objective).value;
   }
   return stencil;
 }
@@ -113,9 +113,7 @@ void DriftMonitor::accumulate(const AxisEvidence& evidence) {
   }
 }
 
-double DriftMonitor::evidence() const {
-  return std::max(state_.cusum_up.maxCoeff(), state_.cusum_down.maxCoeff());
-}
+double DriftMonitor::evidence() const { return std::max(state_.cusum_up.maxCoeff(), state_.cusum_down.maxCoeff()); }
 
 /// One bad frame must not widen the spread so far that a drift after it is not seen.
 bool DriftMonitor::is_usual(const AxisEvidence& evidence) const {
@@ -143,8 +141,9 @@ DriftVerdict DriftMonitor::decide_from_start() const {
   if (seen.pairs < least_start_pairs) return verdict();
   double sigmas = 0;
   for (int axis = 0; axis < 6; ++axis)
-    sigmas = std::max(sigmas, start_misalignment(seen, axis, axis < 3 ? settings_.max_bias_rotation_rad
-                                                                      : settings_.max_bias_translation_m));
+    sigmas = std::max(
+        sigmas,
+        start_misalignment(seen, axis, axis < 3 ? settings_.max_bias_rotation_rad : settings_.max_bias_translation_m));
   return sigmas >= start_sigmas       ? DriftVerdict::drifted
          : sigmas >= start_sigmas / 2 ? DriftVerdict::suspect
                                       : DriftVerdict::learning;

@@ -46,7 +46,7 @@ Result<Recalibration> recalibrate(Frames fit, Frames held_back, const RigidTrans
   const SearchSettings everything{.bounds = settings.bounds};
   const auto rotated = search(fit, T_camera_lidar, Method::standard, rotation);
   if (!rotated) return tl::unexpected(rotated.error());
-  const auto moved = search(fit, T_camera_lidar, Method::standard, everything);
+  const auto moved = settings.translation ? search(fit, T_camera_lidar, Method::standard, everything) : rotated;
   if (!moved) return tl::unexpected(moved.error());
   const Objective& objective = moved->objective;
 
@@ -63,7 +63,7 @@ Result<Recalibration> recalibrate(Frames fit, Frames held_back, const RigidTrans
   result.score_after = mean_score(fit, result.T_camera_lidar, objective).value;
   result.held_back_before = mean_score(held_back, T_camera_lidar, objective).value;
   result.held_back_after = mean_score(held_back, result.T_camera_lidar, objective).value;
-  result.evaluations = rotated->evaluations + moved->evaluations;
+  result.evaluations = rotated->evaluations + (settings.translation ? moved->evaluations : 0);
 
   if (found.ends_at_limit) {
     result.reason = "outside the bounds: " + found.reason;

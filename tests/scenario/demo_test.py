@@ -25,8 +25,9 @@ def check_summary(result, largest_error_deg, out):
         assert (out / name).read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_knock_of_the_simulated_vehicle_is_found_and_corrected(source_dir, bin_dir, dds_domain, tmp_path):
-    check_summary(demo(source_dir, bin_dir, dds_domain, tmp_path), 0.2, tmp_path)
+@pytest.mark.parametrize("depth", ["stereo", "network"])
+def test_a_knock_of_the_simulated_vehicle_is_found_and_corrected(source_dir, bin_dir, dds_domain, tmp_path, depth):
+    check_summary(demo(source_dir, bin_dir, dds_domain, tmp_path, "--depth", depth), 0.2, tmp_path)
 
 
 def test_a_knock_of_the_recorded_vehicle_is_found_and_corrected(source_dir, bin_dir, dds_domain, tmp_path, kitti_drive):

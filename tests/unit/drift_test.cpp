@@ -149,6 +149,16 @@ TEST_CASE("an extrinsic that is wrong from the start is found while learning, a 
   }
 }
 
+TEST_CASE("translation is not judged from the start where depth may shift it by any amount, and rotation still is") {
+  const DriftSettings guessed{.max_bias_translation_m = std::numeric_limits<double>::infinity()};
+  for (int axis = 0; axis < 6; ++axis) {
+    Vehicle vehicle(static_cast<std::uint64_t>(axis));
+    vehicle.offset[axis] = 1.9;
+    DriftMonitor monitor(guessed);
+    CHECK(vehicle.drive(monitor, 60) == (axis < 3 ? DriftVerdict::drifted : DriftVerdict::calibrated));
+  }
+}
+
 TEST_CASE("a restart forgets everything") {
   Vehicle vehicle(9);
   DriftMonitor monitor({}), fresh({});

@@ -83,6 +83,15 @@ TEST_CASE("nothing leaves the bounds, and what ends at one is refused") {
     CHECK(std::abs(result.delta[axis]) <= 1.02 * (axis < 3 ? bounds.rotation_rad : bounds.translation_m));
 }
 
+TEST_CASE("where translation may not change, none does, and the rotation is found all the same") {
+  const Drive drive(test::knock(0, 0, 1, 0.2, 0.2, 0));
+  const Recalibration result = drive.search({.bounds = {}, .translation = false});
+  CHECK_FALSE(result.translation_changed);
+  CHECK(result.delta.tail<3>().norm() < 1e-12);
+  CHECK(result.delta.head<3>().norm() > 0.3 * radians_per_degree);
+  CHECK(result.accepted);
+}
+
 TEST_CASE("what fits the pairs to fit but not those held back is refused") {
   const Drive knocked(test::knock(0, 0, 1)), right(RigidTransform::Identity(), 62);
   const Recalibration result =

@@ -27,10 +27,10 @@ struct Stencil {
   [[nodiscard]] double best_neighbour() const;
 };
 [[nodiscard]] Stencil evaluate_stencil(const FeatureSet& frame, const RigidTransform& T_camera_lidar,
-                                       const StencilStep& step = {});
+                                       const StencilStep& step = {}, const Objective& objective = depth_objective);
 
-/// What one frame's stencil says of each axis, LiDAR frame: first and second central differences of the score, per rad and
-/// m (and squared). A positive slope says that the optimum lies at a positive perturbation: there the LiDAR went.
+/// What one frame's stencil says of each axis, LiDAR frame: first and second central differences of the score, per rad
+/// and m (and squared). A positive slope says that the optimum lies at a positive perturbation: there the LiDAR went.
 struct AxisEvidence {
   Timestamp stamp{};
   Vector6 slope = Vector6::Zero(), curvature = Vector6::Zero();
@@ -44,13 +44,14 @@ struct DriftSettings {
   int baseline_pairs = 20, max_baseline_pairs = 100;
   /// CUSUM reference value and decision limit, in standard deviations of one pair. With k = 1.25, h = 10 independent
   /// normal values raise no false alarm in a vehicle's life (average run length 4e11, Siegmund 1985); real ones are
-  /// heavier-tailed and the baseline comes of few pairs, which decides the true rate. A shift of four standard deviations
-  /// takes four pairs. What is not sure of the baseline's mean, 1 / sqrt(pairs) deviations, is added to k 1.5 times.
+  /// heavier-tailed and the baseline comes of few pairs, which decides the true rate. A shift of four standard
+  /// deviations takes four pairs. What is not sure of the baseline's mean, 1 / sqrt(pairs) deviations, is added to
+  /// k 1.5 times.
   double cusum_k = 1.25, cusum_h = 10;
   /// One pair counts for no more than this: a single bad frame must not decide.
   double max_deviation = 4;
   /// A depth source shifts the optimum by a constant. While the baseline is learned, an offset within these limits is
-  /// taken for that; one that is significantly beyond is misalignment from the start.
+  /// taken for that; one that is significantly beyond is misalignment from the start. Infinite: none is.
   double max_bias_rotation_rad = 0.35 * radians_per_degree;
   double max_bias_translation_m = 0.2;
 };
@@ -58,8 +59,8 @@ struct DriftSettings {
 /// `learning`: the baseline is not known yet and nothing speaks of misalignment.
 enum class DriftVerdict { learning, calibrated, suspect, drifted };
 
-/// How the accepted extrinsic looks in this vehicle's own scenes and with its own depth source: running moments (Welford
-/// 1962) of the evidence of pairs taken while nothing spoke of drift.
+/// How the accepted extrinsic looks in this vehicle's own scenes and with its own depth source: running moments
+/// (Welford 1962) of the evidence of pairs taken while nothing spoke of drift.
 struct DriftBaseline {
   int pairs = 0;
   Vector6 slope = Vector6::Zero(), slope_squares = Vector6::Zero();          // mean, sum of squared deviations
@@ -84,10 +85,10 @@ struct DriftState {
 };
 
 /// Decides, pair after pair, whether the extrinsic still is where it was when it was accepted: a two-sided CUSUM per
-/// axis (Page 1954) on the slope of the objective at the extrinsic, standardised by the vehicle's own spread. The slope is
-/// what moves first when an optimum moves, has light tails where the vertex of a parabola has heavy ones, and needs no
-/// curvature. While the baseline is being learned the pooled offset is tested against the bias that a depth source may
-/// have, so that an extrinsic that was wrong from the start is found too.
+/// axis (Page 1954) on the slope of the objective at the extrinsic, standardised by the vehicle's own spread. The slope
+/// is what moves first when an optimum moves, has light tails where the vertex of a parabola has heavy ones, and needs
+/// no curvature. While the baseline is being learned the pooled offset is tested against the bias that a depth source
+/// may have, so that an extrinsic that was wrong from the start is found too.
 class DriftMonitor {
  public:
   explicit DriftMonitor(const DriftSettings& settings, DriftState state = {});

@@ -9,6 +9,8 @@ namespace calib {
 struct RecalibrationSettings {
   /// The extrinsic stays within these of the starting one, per axis, in the LiDAR frame.
   SearchBounds bounds;
+  /// False: only the rotation may change.
+  bool translation = true;
   /// The gain on pairs held back must exceed this many of its own standard errors.
   double min_gain_sigmas = 2;
   /// A change that stays within these is refused: asked for without evidence of drift, it may be no more than the depth
