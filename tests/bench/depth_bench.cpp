@@ -34,7 +34,7 @@ void network(benchmark::State& state) {
   const double before_mb = status_mb("VmRSS"), own_before_mb = status_mb("RssAnon");
   const auto estimator =
       test::require_ok(make_onnx_depth(std::filesystem::path(DEPTH_MODELS) / (name + ".yaml"), camera, settings));
-  test::require_ok(estimator->prepare());
+  [[maybe_unused]] const std::string remark = test::require_ok(estimator->prepare());
   for (auto _ : state) benchmark::DoNotOptimize(test::require_ok(estimator->estimate(pair)));
   state.counters["resident_MB"] = status_mb("VmRSS");
   state.counters["added_MB"] = status_mb("VmRSS") - before_mb;
