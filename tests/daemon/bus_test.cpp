@@ -146,6 +146,7 @@ TEST_CASE("of a burst only the newest sample is kept") {
   const auto left = require_ok(make_writer(peer().participant(), image_type, "/left/image", reliable));
   auto window = require_ok(bus().open_window(topics));
   REQUIRE(eventually([&] { return readers_of(left) == 1; }));
+  REQUIRE(received(window, 1, [&] { publish(left, ImageMessage{}); }).size() == 1);
   for (std::int32_t i = 0; i < 20; ++i) {
     ImageMessage message;
     message.sec = i;
