@@ -10,10 +10,9 @@
 namespace calib {
 namespace {
 
+using nlohmann::json;
 using std::chrono::steady_clock;
 
-/// Windows without evidence after which the last verdict no longer counts.
-constexpr int windows_to_stale = 2;
 constexpr std::chrono::milliseconds slice{200};
 
 std::chrono::nanoseconds read_clock(clockid_t clock) {
@@ -39,18 +38,18 @@ std::optional<Error> contradiction(const CameraInfo& info, const Camera& camera)
   return std::nullopt;
 }
 
-Verdict shown(DriftVerdict verdict) {
-  switch (verdict) {
-    case DriftVerdict::learning:
-      return Verdict::not_evaluated;
-    case DriftVerdict::calibrated:
-      return Verdict::calibrated;
-    case DriftVerdict::suspect:
-      return Verdict::suspect;
-    case DriftVerdict::drifted:
-      return Verdict::drifted;
+PairTopics topics_of(const PairConfig& pair) {
+  PairTopics topics{.image = pair.camera.image, .cloud = pair.lidar.cloud, .camera_info = pair.camera.info};
+  if (const auto* stereo = std::get_if<StereoDepthConfig>(&pair.depth)) {
+    topics.right_image = stereo->right_image;
+    topics.right_camera_info = stereo->right_info;
+  } else if (const auto* topic = std::get_if<TopicDepthConfig>(&pair.depth)) {
+    topics.depth = topic->topic;
+  } else {
+    topics.colour = Colour::rgb;
   }
-  return Verdict::not_evaluated;
+  if (pair.motion) topics.motion = pair.motion->topic;
+  return topics;
 }
 
 }  // namespace
@@ -133,15 +132,13 @@ void Service::breathe(steady_clock::time_point until) {
 void Service::sample(Watch& watch) {
   if (prepare(watch)) {
     const auto pair = collect(watch);
-    const auto evidence = pair ? watch.monitor.evaluate(*pair) : tl::unexpected(pair.error());
+    const auto evaluated = pair ? watch.pair->evaluate(*pair) : tl::unexpected(pair.error());
     if (stopping()) return;  // whatever is missing was not waited for
-    if (evidence)
-      evaluated(watch, *pair, *evidence);
-    else
-      skipped(watch, evidence.error());
+    if (!evaluated) watch.pair->skip(evaluated.error());
+    if (evaluated) watch.time_difference = pair->time_difference();
   }
   if (stopping()) return;
-  conclude(watch);
+  watch.pair->conclude();
   publish_status();
   breathe(steady_clock::now());
 }
@@ -152,11 +149,10 @@ bool Service::prepare(Watch& watch) {
   const std::string& name = watch.config->name;
   if (remark && !remark->empty()) journal(5, message_ids::depth_prepared, name + ": " + *remark);
   if (remark || stopping()) return remark.has_value();
-  const std::string before = watch.last_skip;
-  skipped(watch, remark.error());
-  watch.windows_without_evidence = windows_to_stale;
-  if (watch.last_skip != before)
-    journal(3, message_ids::depth_failed, name + ": " + watch.last_skip + "; this pair is not evaluated");
+  const std::string before = watch.pair->last_skip();
+  watch.pair->skip(remark.error(), PairWatch::windows_to_stale);
+  if (watch.pair->last_skip() != before)
+    journal(3, message_ids::depth_failed, name + ": " + watch.pair->last_skip() + "; this pair is not evaluated");
   return false;
 }
 
@@ -165,8 +161,9 @@ Result<FramePair> Service::collect(Watch& watch) {
   const auto end = steady_clock::now() + config_.sampling.window;
   auto window = bus_.open_window(watch.topics);
   if (!window) return tl::unexpected(window.error());
-  PairBuffer buffer(config_.sampling.max_time_difference,
-                    {.right_image = watch.topics.right_image.has_value(), .depth = watch.topics.depth.has_value()});
+  PairBuffer buffer(config_.sampling.max_time_difference, {.right_image = watch.topics.right_image.has_value(),
+                                                           .depth = watch.topics.depth.has_value(),
+                                                           .turn_rate = watch.topics.motion.has_value()});
   std::optional<Error> refused;
   for (auto left = config_.sampling.window; left > left.zero(); left = end - steady_clock::now()) {
     auto samples = window->wait(std::min<std::chrono::nanoseconds>(left, slice));
@@ -174,7 +171,7 @@ Result<FramePair> Service::collect(Watch& watch) {
     for (Sample& sample : *samples)
       if (auto error = receive(watch, std::move(sample), buffer)) refused = std::move(error);
     while (auto pair = watch.depth->knows_cameras() ? buffer.take() : std::nullopt) {
-      if (pair->image.stamp == watch.state.last_stamp) {
+      if (pair->image.stamp == watch.pair->state().last_stamp) {
         refused = Error{"duplicate_frame", "the image has the stamp of the last one; does the camera stand still?"};
         continue;
       }
@@ -204,53 +201,66 @@ std::optional<Error> Service::receive(Watch& watch, Sample sample, PairBuffer& b
   } else if (auto* depth = std::get_if<DepthImage>(&sample)) {
     watch.depth_image.last = arrived;
     buffer.add_depth(std::move(*depth));
+  } else if (const auto* rate = std::get_if<TurnRate>(&sample)) {
+    watch.motion.last = arrived;
+    buffer.add_turn_rate(*rate);
   } else if (const auto* info = std::get_if<CameraInfo>(&sample)) {
     watch.depth->hear_left(*info);
     return contradiction(*info, watch.config->camera.camera);
   } else if (const auto* right_info = std::get_if<RightCameraInfo>(&sample)) {
     watch.depth->hear_right(right_info->info);
   } else if (const auto* malformed = std::get_if<Malformed>(&sample)) {
-    ++watch.state.skipped[malformed->error.code];
+    watch.pair->count_skipped(malformed->error.code);
     return Error{malformed->error.code, malformed->topic + ": " + malformed->error.context};
   }
   return std::nullopt;
 }
 
-void Service::evaluated(Watch& watch, const FramePair& pair, const PairMonitor::Evidence& evidence) {
-  watch.windows_without_evidence = 0;
-  watch.time_difference = pair.time_difference();
-  watch.state.last_stamp = pair.image.stamp;
-  watch.state.last_evaluated = now().wall;
-  ++watch.state.evaluated;
-  const DriftBaseline& baseline = watch.monitor.drift().state().baseline;
-  watch.state.score = PairStatus::Score{evidence.stencil.current, evidence.stencil.best_neighbour(),
-                                        baseline.pairs > 0 ? std::optional(baseline.score) : std::nullopt};
+Result<void> Service::take_over(const PairConfig& pair) {
+  auto depth = std::make_unique<DepthSource>(pair, [this] {
+    breathe(steady_clock::now());
+    return !stopping();
+  });
+  DepthSource* const source = depth.get();
+  const PairListener listener{
+      .alert =
+          [this, name = pair.name](const DriftAlert& alert) {
+            if (auto sent = bus_.publish_alert(alert); !sent)
+              journal(4, message_ids::bus_failed,
+                      name + ": " + sent.error().context + "; the alert is kept and sent at the next start");
+          },
+      .journal = journal,
+      .extrinsic_changed = [this] { publish_extrinsics(); }};
+  auto watch = PairWatch::take_over(config_, pair, std::move(depth), ledger_, now, listener);
+  if (!watch) return tl::unexpected(watch.error());
+  watches_.push_back(std::make_unique<Watch>(
+      Watch{.config = &pair, .topics = topics_of(pair), .pair = std::move(*watch), .depth = source}));
+  return {};
 }
 
-void Service::skipped(Watch& watch, const Error& error) {
-  ++watch.windows_without_evidence;
-  watch.last_skip = error.code + ": " + escape_control(error.context);
-  // What is malformed was counted message by message as it came.
-  if (!error.code.starts_with("malformed:")) ++watch.state.skipped[error.code];
-}
-
-/// From the evidence so far to a verdict, written down with the alert that it calls for; then to a new extrinsic.
-void Service::conclude(Watch& watch) {
-  PairState after = watch.state;
-  after.drift = watch.monitor.drift().state();
-  if (watch.windows_without_evidence >= windows_to_stale) {
-    after.verdict = Verdict::not_evaluated;
-    after.reason = watch.last_skip;
-  } else if (watch.windows_without_evidence == 0) {
-    after.verdict = shown(after.drift.verdict);
-    after.reason = watch.monitor.drift().reason();
-    if (after.verdict == Verdict::drifted) after.reason += "; pairs for recalibration: " + watch.monitor.progress();
+std::optional<json> Service::answer(const Question& question) {
+  const auto& request = question.request;
+  const std::string what = request["request"].get<std::string>();
+  const std::string name =
+      request.contains("pair") && request["pair"].is_string() ? request["pair"].get<std::string>() : "";
+  const auto found = std::ranges::find_if(watches_, [&](const auto& watch) { return watch->config->name == name; });
+  if (what == "doctor") {
+    constexpr std::size_t most_waiting = 16;
+    if (found == watches_.end() && !request.value("pair", json()).is_null())
+      return refusal("not_found", "there is no pair '" + escape_control(name) + "'");
+    if (doctor_questions_.size() >= most_waiting) return refusal("failed", "too many wait for the doctor; ask later");
+    return std::nullopt;
   }
-  write(watch, std::move(after), std::nullopt);
-
-  const bool wanted = watch.state.verdict == Verdict::drifted && !watch.state.proposed_record;
-  if (wanted && watch.state.evaluated >= watch.retry_at && watch.monitor.can_recalibrate()) [[maybe_unused]]
-    const auto told = recalibrate(watch, "calibd", /*dry_run=*/false);
+  if (what != "recalibrate" && what != "accept" && what != "rollback")
+    return refusal("bad_request", "the requests are status, doctor, recalibrate, accept and rollback");
+  if (!question.peer.may_change)
+    return refusal("denied", "only root, the daemon's user and members of its group may ask for changes");
+  if (found == watches_.end()) return refusal("not_found", "there is no pair '" + escape_control(name) + "'");
+  const std::string asked_by = "uid:" + std::to_string(question.peer.uid);
+  PairWatch& pair = *(*found)->pair;
+  if (what == "accept") return pair.accept(asked_by);
+  if (what == "rollback") return pair.roll_back(request.value("to", json()), asked_by);
+  return pair.recalibrate(asked_by, request.value("dry_run", json(false)) == true);
 }
 
 }  // namespace calib

@@ -16,13 +16,12 @@
 #include "depth_source.hpp"
 #include "doctor.hpp"
 #include "ledger.hpp"
-#include "pair_monitor.hpp"
+#include "pair_watch.hpp"
 
 namespace calib {
 
-/// The recipe: sample each pair, ask whether its extrinsic still is the best of its neighbours, and recalibrate when it
-/// is not. One thread runs it and owns everything of the estimator; other threads ask questions and read the last
-/// status.
+/// Samples each pair, has its watch judge what came, tells the world what it decided, and answers questions. One thread
+/// runs it and owns everything of the estimator; other threads ask questions and read the last status.
 class Service {
  public:
   /// Takes over what the ledger remembers. Writes an `initial` record for each pair whose configured extrinsic is new.
@@ -44,16 +43,12 @@ class Service {
   struct Watch {
     const PairConfig* config;
     PairTopics topics;
-    DepthSource* depth;  // the monitor's
-    PairMonitor monitor;
-    PairState state;
-    int windows_without_evidence = 0;
-    std::string last_skip{};
-    std::uint64_t retry_at = 0;  // value of `state.evaluated` from which the next recalibration may run
+    std::unique_ptr<PairWatch> pair;
+    DepthSource* depth;  // the pair's
     struct Arrival {
       std::optional<std::chrono::steady_clock::time_point> last{};
     };
-    Arrival image{}, right_image{}, depth_image{}, cloud{};
+    Arrival image{}, right_image{}, depth_image{}, cloud{}, motion{};
     std::optional<std::chrono::nanoseconds> time_difference{};
   };
 
@@ -65,22 +60,12 @@ class Service {
   [[nodiscard]] bool prepare(Watch& watch);
   [[nodiscard]] Result<FramePair> collect(Watch& watch);
   [[nodiscard]] std::optional<Error> receive(Watch& watch, Sample sample, PairBuffer& buffer);
-  void evaluated(Watch& watch, const FramePair& pair, const PairMonitor::Evidence& evidence);
-  void skipped(Watch& watch, const Error& error);
-  void conclude(Watch& watch);
   void breathe(std::chrono::steady_clock::time_point until);
   [[nodiscard]] bool stopping() const;
 
-  // service_decisions.cpp: what is written down
   [[nodiscard]] Result<void> take_over(const PairConfig& pair);
-  [[nodiscard]] DriftAlert alert(const Watch& watch, const PairState& after) const;
-  bool write(Watch& watch, PairState after, std::optional<CalibrationRecord> record);
-  [[nodiscard]] nlohmann::json recalibrate(Watch& watch, const std::string& asked_by, bool dry_run);
-  [[nodiscard]] nlohmann::json put_in_force(Watch& watch, CalibrationRecord record);
   /// Nothing: it is for the doctor.
   [[nodiscard]] std::optional<nlohmann::json> answer(const Question& question);
-  [[nodiscard]] nlohmann::json accept(Watch& watch, const std::string& asked_by);
-  [[nodiscard]] nlohmann::json roll_back(Watch& watch, const nlohmann::json& to, const std::string& asked_by);
 
   // service_doctor.cpp: what is wrong
   void see_doctor();

@@ -43,6 +43,9 @@ std::vector<TopicSeen> topics_to_hear(const PairTopics& topics, const PairConfig
     add("depth_topic", disparity ? "depth.disparity" : "depth.image", topics.depth->name,
         type_name(disparity ? disparity_image_type : image_type));
   }
+  if (topics.motion)
+    add("motion_topic", "motion.topic", topics.motion->name,
+        type_name(topics.motion->message == MotionMessage::imu ? imu_type : odometry_type));
   add("cloud", "lidar.cloud", topics.cloud, type_name(cloud_type));
   if (topics.right_camera_info)
     add("right_camera_info", "depth.right_info", *topics.right_camera_info, type_name(camera_info_type));
@@ -101,6 +104,7 @@ class Ear {
     arrived("depth_topic", depth.stamp, now);
     buffer_.add_depth(std::move(depth));
   }
+  void note(TurnRate& rate, WallTime now) { arrived("motion_topic", rate.stamp, now); }
   void note(CameraInfo& info, WallTime now) {
     arrived("camera_info", info.stamp, now);
     seen_.camera_info = std::move(info);
@@ -200,7 +204,7 @@ void Service::examine(Watch& watch, json& reply) {
   auto findings = diagnose(seen);
   if (listened && *listened) {
     const auto file = config_.state_dir / "doctor" / (config.name + ".png");
-    const auto drawn = draw(file, **listened, watch.monitor.T_camera_lidar(), seen.camera, depth ? &*depth : nullptr);
+    const auto drawn = draw(file, **listened, watch.pair->monitor().T_camera_lidar(), seen.camera, depth ? &*depth : nullptr);
     if (drawn)
       reply["overlays"].push_back({{"pair", config.name}, {"file", file.string()}});
     else
@@ -244,7 +248,7 @@ Result<std::optional<FramePair>> Service::listen(Watch& watch, PairSeen& seen) {
 
 /// Depth as the watch would have it, what the extrinsic makes of it, and where that is not good, other ways to take it.
 std::optional<DepthMap> Service::try_depth(Watch& watch, const FramePair& pair, PairSeen& seen) {
-  const RigidTransform& T_camera_lidar = watch.monitor.T_camera_lidar();
+  const RigidTransform& T_camera_lidar = watch.pair->monitor().T_camera_lidar();
   const auto estimate = [&](const FramePair& of) {
     auto depth = watch.depth->estimate(of);
     if (depth) mask_depth(of.image, watch.config->depth_range, *depth);

@@ -18,29 +18,12 @@ PairStatus::Input input(const std::string& topic, const std::optional<std::chron
 }  // namespace
 
 PairStatus Service::status_of(const Watch& watch) const {
-  const PairState& state = watch.state;
-  PairStatus status;
-  status.name = watch.config->name;
-  status.verdict = state.verdict;
-  status.reason = state.reason;
-  status.since = state.since;
-  status.last_evaluated = state.last_evaluated;
-  status.evaluated = state.evaluated;
-  status.skipped = state.skipped;
-  status.score = state.score;
-  if (const auto estimate = watch.monitor.drift().misalignment())
-    status.misalignment = PairStatus::Misalignment{estimate->delta, estimate->sigma};
-  status.T_camera_lidar = watch.monitor.T_camera_lidar();
-  if (state.proposed_record)
-    if (const auto proposal = ledger_.find(status.name, *state.proposed_record))
-      status.proposed = PairStatus::Proposed{proposal->T_camera_lidar, proposal->sequence};
-  // Every record was verified when the ledger was opened, or signed by this very process.
-  const CalibrationRecord* record = ledger_.in_force(status.name);
-  status.record = PairStatus::Record{record->sequence, ledger_.key_id(), true, record->wall_time};
+  PairStatus status = watch.pair->status();
   status.image = input(watch.topics.image, watch.image.last);
   status.cloud = input(watch.topics.cloud, watch.cloud.last);
   if (watch.topics.right_image) status.right_image = input(*watch.topics.right_image, watch.right_image.last);
   if (watch.topics.depth) status.depth = input(watch.topics.depth->name, watch.depth_image.last);
+  if (watch.topics.motion) status.motion = input(watch.topics.motion->name, watch.motion.last);
   if (watch.time_difference)
     status.time_difference_ms = std::chrono::duration<double, std::milli>(*watch.time_difference).count();
   return status;
@@ -77,6 +60,7 @@ Status Service::status() const {
     grow_older(pair.cloud);
     if (pair.right_image) grow_older(*pair.right_image);
     if (pair.depth) grow_older(*pair.depth);
+    if (pair.motion) grow_older(*pair.motion);
   }
   return status;
 }
@@ -96,11 +80,8 @@ void Service::publish_extrinsics() {
   std::vector<ProposedExtrinsic> extrinsics;
   for (const auto& watch : watches_) {
     const PairConfig& pair = *watch->config;
-    std::optional<RigidTransform> T;
-    if (ledger_.in_force(pair.name)->decision != Decision::initial) T = watch->monitor.T_camera_lidar();
-    if (watch->state.proposed_record)
-      if (const auto proposal = ledger_.find(pair.name, *watch->state.proposed_record)) T = proposal->T_camera_lidar;
-    if (T) extrinsics.push_back({pair.camera.frame_id, pair.lidar.frame_id, *T});
+    if (const auto T = watch->pair->computed_extrinsic())
+      extrinsics.push_back({pair.camera.frame_id, pair.lidar.frame_id, *T});
   }
   if (extrinsics.empty()) return;
   if (const auto sent = bus_.publish_proposed(extrinsics, now().wall); !sent)

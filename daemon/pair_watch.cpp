@@ -1,0 +1,205 @@
+#include "pair_watch.hpp"
+
+#include <limits>
+
+#include "message_ids.hpp"
+
+namespace calib {
+namespace {
+
+/// As small a change of the configured extrinsic as can have come from rounding is none.
+bool same(const RigidTransform& a, const RigidTransform& b) {
+  const RigidTransform difference = a.inverse() * b;
+  return rotation_angle_rad(difference) < 1e-9 && difference.translation().norm() < 1e-9;
+}
+
+PairMonitorSettings monitor_settings(const PairConfig& pair) {
+  PairMonitorSettings settings;
+  settings.frames = pair.recalibration.frames;
+  settings.bounds = {pair.recalibration.max_rotation_rad, pair.recalibration.max_translation_m};
+  settings.quality.depth_range = pair.depth_range;
+  if (pair.motion) settings.quality.max_turn_rad = pair.motion->max_turn_rad;
+  settings.drift.baseline_pairs = pair.drift.baseline_pairs;
+  settings.depth_is_guessed = std::holds_alternative<OnnxDepthConfig>(pair.depth);
+  if (settings.depth_is_guessed) {  // its own bias, before that is learned as what is normal
+    settings.drift.max_bias_rotation_rad = radians_per_degree;
+    settings.drift.max_bias_translation_m = std::numeric_limits<double>::infinity();
+  }
+  return settings;
+}
+
+Verdict shown(DriftVerdict verdict) {
+  switch (verdict) {
+    case DriftVerdict::learning:
+      return Verdict::not_evaluated;
+    case DriftVerdict::calibrated:
+      return Verdict::calibrated;
+    case DriftVerdict::suspect:
+      return Verdict::suspect;
+    case DriftVerdict::drifted:
+      return Verdict::drifted;
+  }
+  return Verdict::not_evaluated;
+}
+
+std::string_view message_id(const PairState& state) {
+  switch (state.verdict) {
+    case Verdict::drifted:
+      return message_ids::drifted;
+    case Verdict::suspect:
+      return message_ids::drift_suspected;
+    case Verdict::calibrated:
+      return message_ids::cleared;
+    case Verdict::not_evaluated:
+      break;
+  }
+  return state.reason.starts_with("sensor_silent") ? message_ids::sensor_silent : message_ids::not_evaluated;
+}
+
+}  // namespace
+
+PairWatch::PairWatch(const Config& config, const PairConfig& pair, PairMonitor monitor, PairState state, Ledger& ledger,
+                     Clock clock, PairListener listener)
+    : config_(config),
+      pair_(pair),
+      monitor_(std::move(monitor)),
+      state_(std::move(state)),
+      ledger_(ledger),
+      clock_(std::move(clock)),
+      listener_(std::move(listener)) {}
+
+Result<std::unique_ptr<PairWatch>> PairWatch::take_over(const Config& config, const PairConfig& pair,
+                                                        std::unique_ptr<DepthEstimator> depth, Ledger& ledger,
+                                                        Clock clock, PairListener listener) {
+  const CalibrationRecord* initial = ledger.initial(pair.name);
+  PairState state;
+  state.since = clock().wall;
+  if (initial == nullptr || !same(initial->T_camera_lidar, pair.T_camera_lidar)) {
+    CalibrationRecord record;
+    record.decision = Decision::initial;
+    record.asked_by = "configuration";
+    record.reason = "taken from the configuration";
+    record.T_camera_lidar = pair.T_camera_lidar;
+    record.T_camera_lidar_before =
+        initial != nullptr ? ledger.in_force(pair.name)->T_camera_lidar : pair.T_camera_lidar;
+    const auto written = ledger.write(pair.name, state, {.record = std::move(record), .alert = {}}, clock());
+    if (!written) return tl::unexpected(written.error());
+  } else if (auto saved = ledger.state(pair.name); !saved) {
+    listener.journal(4, message_ids::store_failed,
+                     pair.name + ": " + saved.error().context + "; its evidence is gathered anew");
+  } else if (*saved) {
+    state = std::move(**saved);
+  }
+  PairMonitor monitor(monitor_settings(pair), pair.camera.camera, std::move(depth),
+                      ledger.in_force(pair.name)->T_camera_lidar, state.drift);
+  return std::unique_ptr<PairWatch>(
+      new PairWatch(config, pair, std::move(monitor), std::move(state), ledger, std::move(clock), std::move(listener)));
+}
+
+Result<void> PairWatch::evaluate(const FramePair& pair) {
+  const auto evidence = monitor_.evaluate(pair);
+  if (!evidence) return tl::unexpected(evidence.error());
+  windows_without_evidence_ = 0;
+  state_.last_stamp = pair.image.stamp;
+  state_.last_evaluated = clock_().wall;
+  ++state_.evaluated;
+  const DriftBaseline& baseline = monitor_.drift().state().baseline;
+  state_.score = PairStatus::Score{evidence->stencil.current, evidence->stencil.best_neighbour(),
+                                   baseline.pairs > 0 ? std::optional(baseline.score) : std::nullopt};
+  return {};
+}
+
+void PairWatch::skip(const Error& error, int windows) {
+  windows_without_evidence_ += windows;
+  last_skip_ = error.code + ": " + escape_control(error.context);
+  // What is malformed was counted message by message as it came.
+  if (!error.code.starts_with("malformed:")) count_skipped(error.code);
+}
+
+void PairWatch::conclude() {
+  PairState after = state_;
+  after.drift = monitor_.drift().state();
+  if (windows_without_evidence_ >= windows_to_stale) {
+    after.verdict = Verdict::not_evaluated;
+    after.reason = last_skip_;
+  } else if (windows_without_evidence_ == 0) {
+    after.verdict = shown(after.drift.verdict);
+    after.reason = monitor_.drift().reason();
+    if (after.verdict == Verdict::drifted) after.reason += "; pairs for recalibration: " + monitor_.progress();
+  }
+  write(std::move(after), std::nullopt);
+
+  const bool wanted = state_.verdict == Verdict::drifted && !state_.proposed_record;
+  if (wanted && state_.evaluated >= retry_at_ && monitor_.can_recalibrate()) [[maybe_unused]]
+    const auto told = recalibrate("calibd", /*dry_run=*/false);
+}
+
+DriftAlert PairWatch::alert(const PairState& after) const {
+  DriftAlert alert;
+  alert.stamp = clock_().wall;
+  alert.vehicle = config_.vehicle;
+  alert.pair = name();
+  alert.verdict = after.verdict;
+  alert.previous_verdict = state_.verdict;
+  alert.reason = after.reason;
+  if (const auto estimate = monitor_.drift().misalignment()) alert.misalignment = {estimate->delta, estimate->sigma};
+  alert.record_sequence = ledger_.in_force(name())->sequence;
+  return alert;
+}
+
+/// Makes `after` the pair's state, durably, with the record and the alert that go with it; or changes nothing.
+bool PairWatch::write(PairState after, std::optional<CalibrationRecord> record) {
+  Ledger::Entry entry{.record = std::move(record), .alert = {}};
+  const Verdict before = state_.verdict;
+  if (after.verdict != before) {
+    after.since = clock_().wall;
+    entry.alert = alert(after);
+  }
+  const auto written = ledger_.write(name(), after, std::move(entry), clock_());
+  if (!written) {
+    if (std::exchange(store_failure_, written.error().code) != written.error().code)
+      listener_.journal(3, message_ids::store_failed,
+                        name() + ": " + written.error().context + "; nothing was changed, the next pair tries again");
+    return false;
+  }
+  store_failure_.clear();
+  state_ = std::move(after);
+  if (!written->alert) return true;
+  listener_.alert(*written->alert);
+  const bool cleared = state_.verdict == Verdict::calibrated || state_.verdict == Verdict::not_evaluated;
+  listener_.journal(cleared ? 5 : 4, message_id(state_),
+                    name() + ": " + std::string(to_string(state_.verdict)) + " (was " + std::string(to_string(before)) +
+                        "): " + state_.reason);
+  return true;
+}
+
+PairStatus PairWatch::status() const {
+  PairStatus status;
+  status.name = name();
+  status.verdict = state_.verdict;
+  status.reason = state_.reason;
+  status.since = state_.since;
+  status.last_evaluated = state_.last_evaluated;
+  status.evaluated = state_.evaluated;
+  status.skipped = state_.skipped;
+  status.score = state_.score;
+  if (const auto estimate = monitor_.drift().misalignment())
+    status.misalignment = PairStatus::Misalignment{estimate->delta, estimate->sigma};
+  status.T_camera_lidar = monitor_.T_camera_lidar();
+  if (state_.proposed_record)
+    if (const auto proposal = ledger_.find(name(), *state_.proposed_record))
+      status.proposed = PairStatus::Proposed{proposal->T_camera_lidar, proposal->sequence};
+  // Every record was verified when the ledger was opened, or signed by this very process.
+  const CalibrationRecord* record = ledger_.in_force(name());
+  status.record = PairStatus::Record{record->sequence, ledger_.key_id(), true, record->wall_time};
+  return status;
+}
+
+std::optional<RigidTransform> PairWatch::computed_extrinsic() const {
+  if (state_.proposed_record)
+    if (const auto proposal = ledger_.find(name(), *state_.proposed_record)) return proposal->T_camera_lidar;
+  if (ledger_.in_force(name())->decision != Decision::initial) return monitor_.T_camera_lidar();
+  return std::nullopt;
+}
+
+}  // namespace calib

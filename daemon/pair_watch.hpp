@@ -1,0 +1,89 @@
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "config.hpp"
+#include "ledger.hpp"
+#include "pair_monitor.hpp"
+
+namespace calib {
+
+/// Whom a pair's watch tells what has happened, once it is written down.
+struct PairListener {
+  std::function<void(const DriftAlert&)> alert;
+  /// One line for the journal: syslog's priority, message id (message_ids.hpp), text.
+  std::function<void(int priority, std::string_view message_id, const std::string& text)> journal;
+  /// The extrinsic in force, or the one proposed, is another.
+  std::function<void()> extrinsic_changed;
+};
+
+/// The life of one camera-LiDAR pair: evidence becomes verdicts, verdicts become alerts and new extrinsics, and every
+/// decision is in the ledger before it counts. Knows no DDS, and of the time what `clock` says; not thread-safe.
+class PairWatch {
+ public:
+  using Clock = std::function<Moment()>;
+  /// Windows without evidence after which the last verdict no longer counts.
+  static constexpr int windows_to_stale = 2;
+
+  /// Takes over what the ledger remembers: the extrinsic that the last record put in force, unless the configuration
+  /// has a new one since; for that an `initial` record is written. `config`, `pair` (one of its pairs) and `ledger`
+  /// outlive the watch.
+  [[nodiscard]] static Result<std::unique_ptr<PairWatch>> take_over(const Config& config, const PairConfig& pair,
+                                                                    std::unique_ptr<DepthEstimator> depth,
+                                                                    Ledger& ledger, Clock clock, PairListener listener);
+
+  // One window of sampling ends in `evaluate`, or in `skip`; then in `conclude`.
+
+  /// Fails with the reason why this pair says nothing, for `skip`.
+  [[nodiscard]] Result<void> evaluate(const FramePair& pair);
+  /// A window without evidence, or as good as `windows` of them.
+  void skip(const Error& error, int windows = 1);
+  /// Counts a sample that was of no use; `skip` does so itself with all that is not `malformed:…`.
+  void count_skipped(const std::string& code) { ++state_.skipped[code]; }
+  /// From the evidence so far to a verdict, with the alert that it calls for; then to a new extrinsic.
+  void conclude();
+
+  // What is asked for at the control socket, answered as proto/control.md has it.
+
+  [[nodiscard]] nlohmann::json recalibrate(const std::string& asked_by, bool dry_run);
+  /// Puts the proposed extrinsic in force.
+  [[nodiscard]] nlohmann::json accept(const std::string& asked_by);
+  /// Puts an earlier extrinsic in force: of record `to`, or (null) the one before the present one.
+  [[nodiscard]] nlohmann::json roll_back(const nlohmann::json& to, const std::string& asked_by);
+
+  /// All that the watch knows; its sensors' inputs are left out.
+  [[nodiscard]] PairStatus status() const;
+  /// The proposed extrinsic, or the one in force when it is not the configuration's.
+  [[nodiscard]] std::optional<RigidTransform> computed_extrinsic() const;
+  [[nodiscard]] const PairState& state() const { return state_; }
+  [[nodiscard]] const PairMonitor& monitor() const { return monitor_; }
+  [[nodiscard]] const PairConfig& config() const { return pair_; }
+  /// Why the last window without evidence had none.
+  [[nodiscard]] const std::string& last_skip() const { return last_skip_; }
+
+ private:
+  PairWatch(const Config& config, const PairConfig& pair, PairMonitor monitor, PairState state, Ledger& ledger,
+            Clock clock, PairListener listener);
+
+  [[nodiscard]] DriftAlert alert(const PairState& after) const;
+  bool write(PairState after, std::optional<CalibrationRecord> record);
+  [[nodiscard]] nlohmann::json put_in_force(CalibrationRecord record);
+  [[nodiscard]] const std::string& name() const { return pair_.name; }
+
+  const Config& config_;
+  const PairConfig& pair_;
+  PairMonitor monitor_;
+  PairState state_;
+  Ledger& ledger_;
+  Clock clock_;
+  PairListener listener_;
+  int windows_without_evidence_ = 0;
+  std::string last_skip_;
+  std::string store_failure_;   // that was told last
+  std::uint64_t retry_at_ = 0;  // value of `state.evaluated` from which the next recalibration may run
+};
+
+}  // namespace calib
