@@ -8,9 +8,6 @@ PairMonitor::PairMonitor(const PairMonitorSettings& settings, const Camera& came
       camera_(camera),
       depth_(std::move(depth)),
       T_camera_lidar_(T_camera_lidar),
-      // Tiles and intensity know little of errors that are the same all over the image.
-      objective_(settings.depth_is_guessed ? final_objective(Method::standard, {true, true, true, false, false, false})
-                                           : depth_objective),
       drift_(settings.drift, std::move(drift)) {}
 
 std::size_t PairMonitor::wanted_pairs() const {
@@ -30,8 +27,11 @@ Result<PairMonitor::Evidence> PairMonitor::evaluate(const FramePair& pair) {
 
   last_scene_ = thumbnail(pair.image);
   Evidence evidence;
-  evidence.stencil = evaluate_stencil(*features, T_camera_lidar_, {}, objective_);
-  evidence.verdict = drift_.observe(evidence.stencil, features->stamp);
+  const Objective objective = drift_objective(settings_.depth_is_guessed);
+  evidence.stencil = evaluate_stencil(*features, T_camera_lidar_, {}, objective);
+  AxisEvidence axes = axis_evidence(evidence.stencil, features->stamp);
+  if (drift_.wants_response()) axes.response = evaluate_response(*features, T_camera_lidar_, {}, objective);
+  evidence.verdict = drift_.observe(axes);
   kept_.push_back(std::move(*features));
   if (kept_.size() > wanted_pairs()) kept_.pop_front();
   return evidence;

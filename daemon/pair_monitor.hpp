@@ -64,7 +64,6 @@ class PairMonitor {
   Camera camera_;
   std::unique_ptr<DepthEstimator> depth_;
   RigidTransform T_camera_lidar_;
-  Objective objective_;
   DriftMonitor drift_;
   std::deque<FeatureSet> kept_;
   std::optional<SceneThumbnail> last_scene_;

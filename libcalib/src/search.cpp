@@ -114,6 +114,11 @@ Objective final_objective(Method method, const std::array<bool, 6>& released) {
   return objective_of({{depth, 1, 4, true}, {tiled_depth, 1, 8, true}, {intensity, 6, 8, true}});
 }
 
+Objective drift_objective(bool depth_is_guessed) {
+  return depth_is_guessed ? final_objective(Method::standard, {true, true, true, false, false, false})
+                          : depth_objective;
+}
+
 Result<SearchResult> search(Frames frames, const RigidTransform& T_camera_lidar, Method method,
                             const SearchSettings& settings) {
   if (frames.empty()) return fail("too_few_pairs", "there is no frame to search with");

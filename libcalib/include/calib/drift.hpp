@@ -1,8 +1,8 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
-#include <span>
 #include <string>
 #include <vector>
 
@@ -29,72 +29,105 @@ struct Stencil {
 [[nodiscard]] Stencil evaluate_stencil(const FeatureSet& frame, const RigidTransform& T_camera_lidar,
                                        const StencilStep& step = {}, const Objective& objective = depth_objective);
 
-/// What one frame's stencil says of each axis, LiDAR frame: first and second central differences of the score, per rad
-/// and m (and squared). A positive slope says that the optimum lies at a positive perturbation: there the LiDAR went.
+/// What one frame's stencil says of each axis, LiDAR frame.
 struct AxisEvidence {
   Timestamp stamp{};
-  Vector6 slope = Vector6::Zero(), curvature = Vector6::Zero();
+  /// First central difference of the score, per rad and m. Positive: the optimum lies at a positive perturbation; there
+  /// the LiDAR went.
+  Vector6 slope = Vector6::Zero();
   double score = 0;
+  /// How the slopes (rows) answer to a LiDAR that moves along each axis (columns), per rad and m. Takes a dozen
+  /// stencils, so it is known of those pairs only from which a baseline is learned.
+  std::optional<Matrix6> response{};
 };
 [[nodiscard]] AxisEvidence axis_evidence(const Stencil& stencil, Timestamp stamp, const StencilStep& step = {});
+[[nodiscard]] Matrix6 evaluate_response(const FeatureSet& frame, const RigidTransform& T_camera_lidar,
+                                        const StencilStep& step = {}, const Objective& objective = depth_objective);
+
+/// How the accepted extrinsic looks in this vehicle's own scenes and with its own depth source: running moments
+/// (Welford 1962) of the evidence of pairs taken while nothing spoke of drift.
+struct DriftBaseline {
+  int pairs = 0;
+  Vector6 slope = Vector6::Zero();             // mean
+  Matrix6 slope_products = Matrix6::Zero();    // sum of products of deviations
+  Vector6 latest_slope = Vector6::Zero();      // of the pair added last
+  Vector6 lagged_products = Vector6::Zero();   // sum of products of deviations of consecutive pairs
+  Matrix6 response = Matrix6::Zero();          // mean
+  Vector6 response_squares = Vector6::Zero();  // of its diagonal: sum of squared deviations
+  double score = 0, score_squares = 0;         // mean, sum of squared deviations
+
+  /// `evidence` has a response.
+  void add(const AxisEvidence& evidence);
+  /// Standard deviation of one pair's slope as it counts in long sums: larger where consecutive pairs err alike, and
+  /// taken somewhat large as long as it comes of few pairs.
+  [[nodiscard]] double spread(int axis) const;
+  /// Whether the scenes tell anything of the axis at all: its mean response is significantly that of a hill.
+  [[nodiscard]] bool observable(int axis) const;
+};
 
 struct DriftSettings {
   /// Pairs from which the extrinsic's own slopes and their spread are learned after it was accepted, before there is a
   /// verdict; as long as nothing speaks of drift, learning goes on to `max_baseline_pairs`.
   int baseline_pairs = 20, max_baseline_pairs = 100;
-  /// CUSUM reference value and decision limit, in standard deviations of one pair. With k = 1.25, h = 10 independent
-  /// normal values raise no false alarm in a vehicle's life (average run length 4e11, Siegmund 1985); real ones are
-  /// heavier-tailed and the baseline comes of few pairs, which decides the true rate. A shift of four standard
-  /// deviations takes four pairs. What is not sure of the baseline's mean, 1 / sqrt(pairs) deviations, is added to
-  /// k 1.5 times.
-  double cusum_k = 1.25, cusum_h = 10;
-  /// One pair counts for no more than this: a single bad frame must not decide.
-  double max_deviation = 4;
+  /// False alarms wanted at most, per pair: one in a thousand vehicle-weeks of 56 hours at a pair every ten seconds.
+  /// The limits of the sequential test follow from it (`cusum_limit`).
+  double false_alarms_per_pair = 1 / (1000 * 56 * 360.0);
+  /// A shift below these is not looked for: scenery and depth move the optimum by as much.
+  double negligible_rotation_rad = 0.05 * radians_per_degree;
+  double negligible_translation_m = 0.02;
+  /// A pair whose evidence is so unsure that a rotation by this much could go unnoticed is not judged at all. Of
+  /// translations it is only said which would be noticed.
+  double must_notice_rotation_rad = 0.5 * radians_per_degree;
   /// A depth source shifts the optimum by a constant. While the baseline is learned, an offset within these limits is
   /// taken for that; one that is significantly beyond is misalignment from the start. Infinite: none is.
   double max_bias_rotation_rad = 0.35 * radians_per_degree;
   double max_bias_translation_m = 0.2;
 };
 
-/// `learning`: the baseline is not known yet and nothing speaks of misalignment.
-enum class DriftVerdict { learning, calibrated, suspect, drifted };
+/// `learning`: the baseline is not known yet and nothing speaks of misalignment. `blind`: it is known, and so unsure
+/// that a rotation to be noticed might not be.
+enum class DriftVerdict { learning, blind, calibrated, suspect, drifted };
 
-/// How the accepted extrinsic looks in this vehicle's own scenes and with its own depth source: running moments
-/// (Welford 1962) of the evidence of pairs taken while nothing spoke of drift.
-struct DriftBaseline {
-  int pairs = 0;
-  Vector6 slope = Vector6::Zero(), slope_squares = Vector6::Zero();          // mean, sum of squared deviations
-  Vector6 curvature = Vector6::Zero(), curvature_squares = Vector6::Zero();  // likewise
-  double score = 0;                                                          // mean
-
-  void add(const AxisEvidence& evidence);
-  /// Standard deviation of one pair's slope, taken somewhat large as long as it comes of few pairs.
-  [[nodiscard]] double spread(int axis) const;
-  /// Whether the scenes tell anything of the axis at all: its mean curvature is significantly that of a hill.
-  [[nodiscard]] bool observable(int axis) const;
-};
+/// The two charts of an axis and side: one that finds large shifts at once, one that finds small ones with patience.
+/// Reference values in standard deviations of one pair (a shift of twice as much is found quickest).
+inline constexpr std::array<double, 2> cusum_references{1.5, 0.6};
+/// The sum at which a chart with reference value `k` gives an alarm, so that all charts together give
+/// `false_alarms_per_pair` by chance.
+[[nodiscard]] double cusum_limit(double k, double false_alarms_per_pair);
 
 /// What the monitor knows; everything of it survives a restart.
 struct DriftState {
-  std::vector<AxisEvidence> recent;  // the latest pairs, oldest first
+  struct Seen {
+    Timestamp stamp{};
+    Vector6 slope = Vector6::Zero();
+  };
+  std::vector<Seen> recent;  // the latest pairs, oldest first
   DriftBaseline baseline;
-  Vector6 cusum_up = Vector6::Zero(), cusum_down = Vector6::Zero();
-  /// Stamp of the first pair of each run of evidence that still counts: when the drift began, should it be one.
-  std::array<Timestamp, 6> up_since{}, down_since{};
+  /// Cumulative sum of a chart, and the stamp of the first pair of the run of evidence that still counts: when the
+  /// drift began, should it be one.
+  struct Chart {
+    double sum = 0;
+    Timestamp since{};
+  };
+  /// [axis][side: 0 positive, 1 negative][as `cusum_references`]
+  std::array<std::array<std::array<Chart, 2>, 2>, 6> charts{};
   DriftVerdict verdict = DriftVerdict::learning;
 };
 
-/// Decides, pair after pair, whether the extrinsic still is where it was when it was accepted: a two-sided CUSUM per
-/// axis (Page 1954) on the slope of the objective at the extrinsic, standardised by the vehicle's own spread. The slope
-/// is what moves first when an optimum moves, has light tails where the vertex of a parabola has heavy ones, and needs
-/// no curvature. While the baseline is being learned the pooled offset is tested against the bias that a depth source
-/// may have, so that an extrinsic that was wrong from the start is found too.
+/// Decides, pair after pair, whether the extrinsic still is where it was when it was accepted: two-sided CUSUMs per
+/// axis (Page 1954) on the slope of the objective at the extrinsic, standardised by the vehicle's own spread; of the
+/// latest three pairs the median, so that a lone bad frame counts for nothing. The slope is what moves first when an
+/// optimum moves, has light tails where the vertex of a parabola has heavy ones, and needs no curvature. While the
+/// baseline is being learned the pooled offset is tested against the bias that a depth source may have, so that an
+/// extrinsic that was wrong from the start is found too.
 class DriftMonitor {
  public:
   explicit DriftMonitor(const DriftSettings& settings, DriftState state = {});
 
+  /// Whether the next pair's evidence must have a response: the baseline is still being learned.
+  [[nodiscard]] bool wants_response() const { return state_.baseline.pairs < settings_.max_baseline_pairs; }
   /// Takes the evidence of one pair.
-  DriftVerdict observe(const Stencil& stencil, Timestamp stamp, const StencilStep& step = {});
+  DriftVerdict observe(const AxisEvidence& evidence);
 
   /// A new extrinsic is in force: everything is learned anew.
   void restart();
@@ -102,29 +135,41 @@ class DriftMonitor {
   [[nodiscard]] DriftVerdict verdict() const { return state_.verdict; }
   /// The verdict in words, with the axes that caused it.
   [[nodiscard]] std::string reason() const;
+  /// Whether there is a baseline.
+  [[nodiscard]] bool learned() const { return state_.baseline.pairs >= settings_.baseline_pairs; }
 
   /// Misalignment estimated from the latest pairs (while there is a first sign of drift, from those since), against the
-  /// baseline: each axis on its own, LiDAR frame (rad, m), so yaw and y, and pitch and z, each show much of the other.
-  /// At most two stencil steps, beyond which it is "at least". An axis that is not observable is given as zero with a
-  /// sigma of these two steps. Needs three pairs and a baseline.
+  /// baseline, all axes jointly, LiDAR frame (rad, m): the linear estimate of least variance, given that no axis is off
+  /// by more than about two stencil steps. What the pairs tell nothing of stays at zero, as unsure as that. At most
+  /// two stencil steps, beyond which it is "at least". Needs three pairs and a baseline.
   struct Estimate {
-    Vector6 delta, sigma;
+    Vector6 delta = Vector6::Zero();
+    Matrix6 covariance = Matrix6::Zero();
+    [[nodiscard]] Vector6 sigma() const { return covariance.diagonal().cwiseSqrt(); }
   };
   [[nodiscard]] std::optional<Estimate> misalignment() const;
+  /// The shift along an axis (rad or m) that would be noticed within a hundred pairs; infinite for an axis that is not
+  /// observable. Needs a baseline.
+  [[nodiscard]] double noticeable_shift(int axis) const;
   /// Stamp of the pair where the evidence of drift begins; `Timestamp::min()` for an extrinsic wrong from the start.
   [[nodiscard]] std::optional<Timestamp> first_sign() const;
   [[nodiscard]] const DriftState& state() const { return state_; }
   [[nodiscard]] const DriftSettings& settings() const { return settings_; }
 
  private:
-  [[nodiscard]] bool learned() const { return state_.baseline.pairs >= settings_.baseline_pairs; }
+  /// The largest sum of an axis' charts, as a share of its limit.
+  [[nodiscard]] double evidence(int axis) const;
   [[nodiscard]] double evidence() const;
-  void accumulate(const AxisEvidence& evidence);
+  [[nodiscard]] double reference(std::size_t chart, int axis) const;
+  void accumulate();
   [[nodiscard]] bool is_usual(const AxisEvidence& evidence) const;
   [[nodiscard]] DriftVerdict decide() const;
   [[nodiscard]] DriftVerdict decide_from_start() const;
+  [[nodiscard]] std::string least_noticeable() const;
+  [[nodiscard]] std::string moved_axes() const;
 
   DriftSettings settings_;
+  std::array<double, 2> limits_;
   DriftState state_;
 };
 

@@ -10,6 +10,7 @@
 namespace calib {
 
 using Vector6 = Eigen::Matrix<double, 6, 1>;
+using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
 /// A rigid transform; a variable of this type is named `T_<to>_<from>`, so that
 /// `p_camera = T_camera_lidar * p_lidar` (paper, Sec. "Mathematical Formulation"). Metres.

@@ -42,7 +42,7 @@ struct Objective {
   [[nodiscard]] std::span<const Term> all() const { return {terms.data(), static_cast<std::size_t>(count)}; }
 };
 
-/// The one that drift is judged by: depth alone.
+/// Depth alone.
 inline constexpr Objective depth_objective{};
 
 struct Score {

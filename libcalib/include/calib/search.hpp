@@ -9,8 +9,6 @@
 
 namespace calib {
 
-using Matrix6 = Eigen::Matrix<double, 6, 6>;
-
 /// What is maximised, and in which steps.
 enum class Method {
   /// Ours. Normalised mutual information of ranks; from a coarse look around by few classes to many; where only the
@@ -86,6 +84,10 @@ struct Uncertainty {
 /// scatter: the covariances are zero then, and no axis is observable.
 [[nodiscard]] Uncertainty uncertainty(Frames frames, const RigidTransform& T_camera_lidar, const Objective& objective,
                                       const SearchSettings& settings = {});
+
+/// What drift is judged by: depth of the whole image, which is the sharpest; where a network guesses it, what errors that
+/// are the same all over the image leave alone, tiles and intensity.
+[[nodiscard]] Objective drift_objective(bool depth_is_guessed);
 
 /// The objective of a method's last stage, as long as nothing speaks of biased depth.
 [[nodiscard]] Objective final_objective(Method method, const std::array<bool, 6>& released);
