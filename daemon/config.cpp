@@ -205,15 +205,32 @@ void read_depth(const ConfigNode& node, PairConfig& pair) {
   if (const auto timeout = node.find("timeout")) pair.depth_timeout = timeout->duration(100ms, 60s);
 }
 
+MotionConfig read_motion(const ConfigNode& node) {
+  node.with_keys({"topic", "type", "max_turn_deg"});
+  MotionConfig motion{.topic = {.name = topic(node.at("topic"))}, .max_turn_rad = QualityLimits{}.max_turn_rad};
+  const ConfigNode type = node.at("type");
+  const std::string name = type.text();
+  if (name != "imu" && name != "odometry") type.refuse("is none of: imu, odometry");
+  motion.topic.message = name == "imu" ? MotionMessage::imu : MotionMessage::odometry;
+  if (const auto limit = node.find("max_turn_deg")) motion.max_turn_rad = limit->number(0.01, 10) * radians_per_degree;
+  return motion;
+}
+
 DriftConfig read_drift(const ConfigNode& node) {
-  node.with_keys({"baseline_pairs"});
+  node.with_keys(
+      {"baseline_pairs", "false_alerts_per_1000_vehicle_weeks", "driving_hours_per_week", "must_notice_deg"});
   DriftConfig drift;
+  if (const auto rate = node.find("false_alerts_per_1000_vehicle_weeks"))
+    drift.false_alerts_per_1000_vehicle_weeks = rate->number(0.001, 100'000);
+  if (const auto hours = node.find("driving_hours_per_week")) drift.driving_hours_per_week = hours->number(1, 168);
+  if (const auto shift = node.find("must_notice_deg"))
+    drift.must_notice_rad = shift->number(0.1, 5) * radians_per_degree;
   if (const auto pairs = node.find("baseline_pairs")) drift.baseline_pairs = pairs->integer(5, 1000);
   return drift;
 }
 
 RecalibrationConfig read_recalibration(const ConfigNode& node) {
-  node.with_keys({"mode", "frames", "max_rotation_deg", "max_translation_cm"});
+  node.with_keys({"mode", "frames", "max_rotation_deg", "max_translation_cm", "min_interval"});
   RecalibrationConfig recalibration;
   if (const auto mode = node.find("mode")) {
     const std::string name = mode->text();
@@ -224,11 +241,12 @@ RecalibrationConfig read_recalibration(const ConfigNode& node) {
   if (const auto limit = node.find("max_rotation_deg"))
     recalibration.max_rotation_rad = limit->number(0.1, 30) * radians_per_degree;
   if (const auto limit = node.find("max_translation_cm")) recalibration.max_translation_m = limit->number(1, 500) / 100;
+  if (const auto interval = node.find("min_interval")) recalibration.min_interval = interval->duration(0ms, 24h);
   return recalibration;
 }
 
 PairConfig read_pair(const ConfigNode& node) {
-  node.with_keys({"name", "camera", "lidar", "T_camera_lidar", "depth", "drift", "recalibration"});
+  node.with_keys({"name", "camera", "lidar", "T_camera_lidar", "depth", "motion", "drift", "recalibration"});
   PairConfig pair{.name = node.at("name").text(),
                   .camera = read_camera(node.at("camera")),
                   .lidar = read_lidar(node.at("lidar")),
@@ -239,6 +257,7 @@ PairConfig read_pair(const ConfigNode& node) {
                   .recalibration = {}};
   read_depth(node.at("depth"), pair);
   if (!is_name(pair.name, "_-")) node.at("name").refuse("a pair is named with 1 .. 64 of a-z, 0-9, _ and -");
+  if (const auto motion = node.find("motion")) pair.motion = read_motion(*motion);
   if (const auto drift = node.find("drift")) pair.drift = read_drift(*drift);
   if (const auto recalibration = node.find("recalibration")) pair.recalibration = read_recalibration(*recalibration);
   return pair;
@@ -275,6 +294,12 @@ Config read_config(const ConfigNode& top, const Places& places) {
 }
 
 }  // namespace
+
+double false_alarms_per_pair(const Config& config, const DriftConfig& drift) {
+  const double samples_per_week =
+      drift.driving_hours_per_week * 3600 / std::chrono::duration<double>(config.sampling.period).count();
+  return drift.false_alerts_per_1000_vehicle_weeks / 1000 / samples_per_week / static_cast<double>(config.pairs.size());
+}
 
 Result<Config> parse_config(std::string_view yaml, const std::filesystem::path& file, const Places& places) {
   Config config;

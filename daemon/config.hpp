@@ -67,8 +67,18 @@ struct TopicDepthConfig {
   std::optional<DepthCamera> camera;
 };
 
+/// Pairs in whose time difference the vehicle turned further are not evaluated.
+struct MotionConfig {
+  MotionTopic topic;
+  double max_turn_rad = 0;
+};
+
 struct DriftConfig {
   int baseline_pairs = 20;
+  /// What chance alone may raise, over all pairs of a vehicle that drives so many hours a week.
+  double false_alerts_per_1000_vehicle_weeks = 1, driving_hours_per_week = 56;
+  /// A pair whose evidence cannot be trusted to show so much is not judged.
+  double must_notice_rad = 0.5 * radians_per_degree;
 };
 
 /// `apply` puts an accepted extrinsic in force; `propose` waits for `calibctl accept`.
@@ -79,6 +89,8 @@ struct RecalibrationConfig {
   int frames = 25;
   double max_rotation_rad = 5 * radians_per_degree;
   double max_translation_m = 0.5;
+  /// From one recalibration to the next that nobody asked for; doubled with each that was refused.
+  std::chrono::nanoseconds min_interval = std::chrono::minutes(10);
 };
 
 struct PairConfig {
@@ -90,6 +102,7 @@ struct PairConfig {
   DepthRange depth_range;
   /// An estimate, or the preparation of its source, that takes longer is ended.
   std::chrono::nanoseconds depth_timeout = std::chrono::seconds(30);
+  std::optional<MotionConfig> motion = {};
   DriftConfig drift;
   RecalibrationConfig recalibration;
 };
@@ -105,6 +118,10 @@ struct Config {
   /// Of the file's bytes, lower-case hex: what a record says it was computed under.
   std::string sha256;
 };
+
+/// `DriftSettings::false_alarms_per_pair` as the configuration wants it: alerts per 1000 vehicle-weeks, of which each
+/// has a sample every period of the hours driven, shared among the vehicle's pairs.
+[[nodiscard]] double false_alarms_per_pair(const Config& config, const DriftConfig& drift);
 
 /// Where the service manager put things ($STATE_DIRECTORY, $RUNTIME_DIRECTORY, $CREDENTIALS_DIRECTORY):
 /// defaults for the keys that the file does not give.

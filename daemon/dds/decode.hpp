@@ -41,6 +41,7 @@ namespace calib {
 /// | malformed:intrinsics            | CameraInfo             | K and P finite, 1 < fx, fy < 1e5                     |
 /// | malformed:distortion            | CameraInfo             | a known model, D finite and as long as it asks       |
 /// | malformed:roi                   | CameraInfo             | roi inside width x height, binning inside the roi    |
+/// | malformed:angular_velocity      | Imu, Odometry          | finite, below 100 rad/s, and there at all            |
 // clang-format on
 
 /// Whether an image's colour is wanted beside its grey.
@@ -95,6 +96,10 @@ struct CameraInfo {
   std::array<double, 9> R{};
 };
 [[nodiscard]] Result<CameraInfo> decode_camera_info(const sensor_msgs_msg_dds__CameraInfo_& message);
+
+/// The length of the angular velocity. An Imu that measures none says so by -1 as the first element of its covariance.
+[[nodiscard]] Result<TurnRate> decode_imu(const sensor_msgs_msg_dds__Imu_& message);
+[[nodiscard]] Result<TurnRate> decode_odometry(const nav_msgs_msg_dds__Odometry_& message);
 
 /// Shared by the decoders. Fails with `malformed:stamp`.
 [[nodiscard]] Result<Timestamp> decode_stamp(const std_msgs_msg_dds__Header_& header);

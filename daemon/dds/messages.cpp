@@ -67,29 +67,26 @@ void add_input(std::string_view name, const PairStatus::Input& input, KeyValues&
 }
 
 KeyValues key_values(const PairStatus& pair) {
-  KeyValues values{{"verdict", std::string(to_string(pair.verdict))},
-                   {"reason", pair.reason},
-                   {"since", rfc3339(pair.since)}};
+  KeyValues values{
+      {"verdict", std::string(to_string(pair.verdict))}, {"reason", pair.reason}, {"since", rfc3339(pair.since)}};
   if (pair.last_evaluated) values.emplace_back("last evaluated", rfc3339(*pair.last_evaluated));
   values.emplace_back("evaluated", std::to_string(pair.evaluated));
-  for (const auto& [reason, count] : pair.skipped)
-    values.emplace_back("skipped " + reason, std::to_string(count));
+  for (const auto& [reason, count] : pair.skipped) values.emplace_back("skipped " + reason, std::to_string(count));
   if (pair.score) {
     values.emplace_back("score", fmt::format("{:.6f}", pair.score->current));
     values.emplace_back("score best neighbour", fmt::format("{:.6f}", pair.score->best_neighbour));
-    if (pair.score->baseline)
-      values.emplace_back("score baseline", fmt::format("{:.6f}", *pair.score->baseline));
+    if (pair.score->baseline) values.emplace_back("score baseline", fmt::format("{:.6f}", *pair.score->baseline));
   }
   if (pair.misalignment) add_misalignment(*pair.misalignment, values);
   if (pair.record) {
     values.emplace_back("record sequence", std::to_string(pair.record->sequence));
     values.emplace_back("record verified", pair.record->verified ? "true" : "false");
   }
-  if (pair.proposed)
-    values.emplace_back("proposed record sequence", std::to_string(pair.proposed->record_sequence));
+  if (pair.proposed) values.emplace_back("proposed record sequence", std::to_string(pair.proposed->record_sequence));
   add_input("image", pair.image, values);
   if (pair.right_image) add_input("right image", *pair.right_image, values);
   if (pair.depth) add_input("depth", *pair.depth, values);
+  if (pair.motion) add_input("motion", *pair.motion, values);
   add_input("cloud", pair.cloud, values);
   if (pair.time_difference_ms)
     values.emplace_back("time difference [ms]", fmt::format("{:.1f}", *pair.time_difference_ms));
@@ -111,25 +108,23 @@ DiagnosticArrayMessage diagnostics_message(const Status& status, WallTime now) {
     statuses[i].message = dds_text(pair.reason.empty() ? verdict : verdict + ": " + pair.reason);
     statuses[i].hardware_id = dds_text(status.vehicle);
     const KeyValues values = key_values(pair);
-    std::ranges::transform(
-        values, make_room(statuses[i].values, values.size()).begin(), [](const auto& value) {
-          return diagnostic_msgs_msg_dds__KeyValue_{dds_text(value.first), dds_text(value.second)};
-        });
+    std::ranges::transform(values, make_room(statuses[i].values, values.size()).begin(), [](const auto& value) {
+      return diagnostic_msgs_msg_dds__KeyValue_{dds_text(value.first), dds_text(value.second)};
+    });
   }
   return message;
 }
 
 TransformsMessage transforms_message(std::span<const ProposedExtrinsic> proposed, WallTime now) {
   TransformsMessage message(zeroed<tf2_msgs_msg_dds__TFMessage_>());
-  std::ranges::transform(proposed, make_room(message->transforms, proposed.size()).begin(),
-                         [&](const ProposedExtrinsic& extrinsic) {
-                           const auto t = translation_m(extrinsic.T_camera_lidar);
-                           const auto q = quaternion_xyzw(extrinsic.T_camera_lidar);
-                           return geometry_msgs_msg_dds__TransformStamped_{
-                               {ros_time(now), dds_text(extrinsic.camera_frame)},
-                               dds_text(extrinsic.lidar_frame),
-                               {{t[0], t[1], t[2]}, {q[0], q[1], q[2], q[3]}}};
-                         });
+  std::ranges::transform(
+      proposed, make_room(message->transforms, proposed.size()).begin(), [&](const ProposedExtrinsic& extrinsic) {
+        const auto t = translation_m(extrinsic.T_camera_lidar);
+        const auto q = quaternion_xyzw(extrinsic.T_camera_lidar);
+        return geometry_msgs_msg_dds__TransformStamped_{{ros_time(now), dds_text(extrinsic.camera_frame)},
+                                                        dds_text(extrinsic.lidar_frame),
+                                                        {{t[0], t[1], t[2]}, {q[0], q[1], q[2], q[3]}}};
+      });
   return message;
 }
 

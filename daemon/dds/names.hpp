@@ -24,6 +24,14 @@ struct DepthTopic {
   DepthMessage message = DepthMessage::image;
 };
 
+/// A topic that tells how fast the vehicle turns, and the message that it carries: sensor_msgs/Imu or
+/// nav_msgs/Odometry.
+enum class MotionMessage { imu, odometry };
+struct MotionTopic {
+  std::string name;
+  MotionMessage message = MotionMessage::imu;
+};
+
 /// Whether a topic carries CompressedImage, which ROS says by its last part.
 [[nodiscard]] bool is_compressed_topic(std::string_view topic);
 

@@ -8,7 +8,7 @@
 namespace calib {
 namespace {
 
-/// Takes the one sample that a KEEP_LAST 1 reader can hold, as `As`, or as `Malformed`.
+/// Takes the next sample, as `As`, or as `Malformed`.
 template <typename As, typename Message, auto decode>
 Result<std::optional<Sample>> take(dds_entity_t reader, const std::string& topic) {
   void* loan = nullptr;
@@ -40,10 +40,14 @@ template <typename As, Colour colour = Colour::none>
 constexpr auto take_image = take<As, sensor_msgs_msg_dds__Image_, image_of<colour>>;
 template <typename As, Colour colour = Colour::none>
 constexpr auto take_compressed = take<As, sensor_msgs_msg_dds__CompressedImage_, compressed_image_of<colour>>;
+/// All of the fastest IMU's for as long as it takes to decode a large image.
+constexpr int motion_history = 256;
 constexpr auto take_cloud = take<DecodedCloud, sensor_msgs_msg_dds__PointCloud2_, decode_cloud>;
 template <typename As>
 constexpr auto take_camera_info = take<As, sensor_msgs_msg_dds__CameraInfo_, decode_camera_info>;
 constexpr auto take_depth = take<DepthImage, sensor_msgs_msg_dds__Image_, decode_depth>;
+constexpr auto take_imu = take<TurnRate, sensor_msgs_msg_dds__Imu_, decode_imu>;
+constexpr auto take_odometry = take<TurnRate, nav_msgs_msg_dds__Odometry_, decode_odometry>;
 constexpr auto take_disparity = take<DepthImage, stereo_msgs_msg_dds__DisparityImage_, decode_disparity>;
 
 }  // namespace
@@ -61,6 +65,10 @@ Result<SamplingWindow> SamplingWindow::open(dds_entity_t participant, dds_entity
     return is_compressed_topic(topic) ? window.add(participant, compressed_image_type, topic, compressed)
                                       : window.add(participant, image_type, topic, raw);
   };
+  if (opened && topics.motion)  // first: a pair needs what was before it
+    opened = topics.motion->message == MotionMessage::imu
+                 ? window.add(participant, imu_type, topics.motion->name, take_imu, motion_history)
+                 : window.add(participant, odometry_type, topics.motion->name, take_odometry, motion_history);
   if (opened && topics.colour == Colour::rgb)
     opened = add_image(topics.image, take_image<LeftImage, Colour::rgb>, take_compressed<LeftImage, Colour::rgb>);
   else if (opened)
@@ -80,16 +88,16 @@ Result<SamplingWindow> SamplingWindow::open(dds_entity_t participant, dds_entity
   return window;
 }
 
-Result<void> SamplingWindow::add(dds_entity_t participant, const MessageType& type, const std::string& topic,
-                                 Take take) {
+Result<void> SamplingWindow::add(dds_entity_t participant, const MessageType& type, const std::string& topic, Take take,
+                                 int history) {
   // Best effort matches reliable and best-effort writers, and a slow reader holds no writer back.
-  auto endpoint = make_reader(participant, type, topic, {.reliable = false, .durable = false, .depth = 1});
+  auto endpoint = make_reader(participant, type, topic, {.reliable = false, .durable = false, .depth = history});
   if (!endpoint) return tl::unexpected(endpoint.error());
   auto new_sample = own(dds_create_readcondition(endpoint->endpoint.get(), DDS_ANY_STATE), topic);
   if (!new_sample) return tl::unexpected(new_sample.error());
   if (auto attached = check(dds_waitset_attach(waitset_.get(), new_sample->get(), 0), topic); !attached)
     return attached;
-  readers_.push_back({topic, std::move(*endpoint), std::move(*new_sample), take});
+  readers_.push_back({topic, std::move(*endpoint), std::move(*new_sample), take, history});
   return {};
 }
 
@@ -103,11 +111,13 @@ Result<std::vector<Sample>> SamplingWindow::wait(std::chrono::nanoseconds timeou
 
   std::vector<Sample> samples;
   if (interrupted) return samples;
-  for (const Reader& reader : readers_) {
-    auto sample = reader.take(reader.endpoint.endpoint.get(), reader.topic);
-    if (!sample) return tl::unexpected(sample.error());
-    if (*sample) samples.push_back(std::move(**sample));
-  }
+  for (const Reader& reader : readers_)
+    for (int i = 0; i < reader.history; ++i) {
+      auto sample = reader.take(reader.endpoint.endpoint.get(), reader.topic);
+      if (!sample) return tl::unexpected(sample.error());
+      if (!*sample) break;
+      samples.push_back(std::move(**sample));
+    }
   return samples;
 }
 

@@ -20,6 +20,7 @@ struct PairTopics {
   std::optional<std::string> camera_info = {};
   std::optional<std::string> right_camera_info = {};
   std::optional<DepthTopic> depth = {};
+  std::optional<MotionTopic> motion = {};
   /// Of `image`.
   Colour colour = Colour::none;
 };
@@ -39,7 +40,8 @@ struct Malformed {
   std::string topic;
   Error error;
 };
-using Sample = std::variant<LeftImage, RightImage, DecodedCloud, CameraInfo, RightCameraInfo, DepthImage, Malformed>;
+using Sample =
+    std::variant<LeftImage, RightImage, DecodedCloud, CameraInfo, RightCameraInfo, DepthImage, TurnRate, Malformed>;
 
 /// Readers of a pair's topics, for as long as this lives: nothing else of calibd makes a sensor's data
 /// travel. Must not outlive the `Bus` that opened it.
@@ -50,7 +52,8 @@ class SamplingWindow {
                                                    const PairTopics& topics);
 
   /// Blocks until a sample arrives, the bus is interrupted, or `timeout` is over; returns the newest sample
-  /// of each topic that has a new one (so at most one per topic; none after a time-out or an interrupt).
+  /// of each topic that has a new one (so at most one per topic, and the latest 256 of the topic of motion; none after
+  /// a time-out or an interrupt).
   [[nodiscard]] Result<std::vector<Sample>> wait(std::chrono::nanoseconds timeout);
 
  private:
@@ -61,9 +64,10 @@ class SamplingWindow {
     Endpoint endpoint;
     Entity new_sample;  // read condition
     Take take;
+    int history;
   };
-  [[nodiscard]] Result<void> add(dds_entity_t participant, const MessageType& type, const std::string& topic,
-                                 Take take);
+  [[nodiscard]] Result<void> add(dds_entity_t participant, const MessageType& type, const std::string& topic, Take take,
+                                 int history = 1);
 
   dds_entity_t interrupt_ = 0;
   std::vector<Reader> readers_;

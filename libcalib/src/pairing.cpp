@@ -37,27 +37,45 @@ void PairBuffer::add_image(Image image) { add_bounded(images_, std::move(image),
 void PairBuffer::add_right_image(Image image) { add_bounded(right_images_, std::move(image), capacity); }
 void PairBuffer::add_depth(DepthImage depth) { add_bounded(depths_, std::move(depth), capacity); }
 void PairBuffer::add_scan(LidarScan scan) { add_bounded(scans_, std::move(scan), capacity); }
+void PairBuffer::add_turn_rate(TurnRate rate) { add_bounded(turn_rates_, rate, turn_rate_capacity); }
 
 bool PairBuffer::has_companions(Timestamp stamp) const {
   return (!companions_.right_image || has_one_at(right_images_, stamp)) &&
          (!companions_.depth || has_one_at(depths_, stamp));
 }
 
+std::optional<double> PairBuffer::largest_turn_rate(Timestamp from, Timestamp to) const {
+  Timestamp first = Timestamp::min(), last = Timestamp::max();  // the samples next to both stamps, from outside
+  for (const TurnRate& rate : turn_rates_) {
+    if (rate.stamp <= from) first = std::max(first, rate.stamp);
+    if (rate.stamp >= to) last = std::min(last, rate.stamp);
+  }
+  if (first < from - turn_rate_tolerance || last > to + turn_rate_tolerance) return std::nullopt;
+  double largest = 0;
+  for (const TurnRate& rate : turn_rates_)
+    if (rate.stamp >= first && rate.stamp <= last) largest = std::max(largest, rate.rate_rad_s);
+  return largest;
+}
+
 std::optional<FramePair> PairBuffer::take() {
   auto best_image = images_.end();
   auto best_difference = max_time_difference_;
+  std::optional<double> turn_rate;
   if (scans_.empty()) return std::nullopt;
   for (auto image = images_.begin(); image != images_.end(); ++image) {
     if (!has_companions(image->stamp)) continue;
-    const auto difference = std::chrono::abs(nearest(scans_, image->stamp)->stamp - image->stamp);
-    if (difference <= best_difference) {
-      best_difference = difference;
-      best_image = image;
-    }
+    const auto [from, to] = std::minmax({image->stamp, nearest(scans_, image->stamp)->stamp});
+    if (to - from > best_difference) continue;
+    const auto rate = companions_.turn_rate ? largest_turn_rate(from, to) : std::nullopt;
+    if (companions_.turn_rate && !rate) continue;
+    best_difference = to - from;
+    best_image = image;
+    turn_rate = rate;
   }
   if (best_image == images_.end()) return std::nullopt;
 
   FramePair pair;
+  pair.turn_rate_rad_s = turn_rate;
   pair.scan = std::move(*nearest(scans_, best_image->stamp));
   if (companions_.right_image) pair.right_image = std::move(*nearest(right_images_, best_image->stamp));
   if (companions_.depth) pair.depth = std::move(*nearest(depths_, best_image->stamp));
@@ -79,6 +97,15 @@ Error PairBuffer::why_none() const {
             "no right image arrived; is the right camera's driver running, and the topic right?"};
   if (companions_.depth && depths_.empty())
     return {"depth_missing", "no depth arrived; is what makes it running, and the topic right?"};
+  if (companions_.turn_rate && std::ranges::any_of(images_, [&](const Image& image) {
+        const auto difference = std::chrono::abs(nearest(scans_, image.stamp)->stamp - image.stamp);
+        return has_companions(image.stamp) && difference <= max_time_difference_;
+      }))
+    return {"motion_unknown",
+            turn_rates_.empty()
+                ? "no turn rate arrived; is what publishes motion.topic running, and the topic right?"
+                : "no turn rate was measured within 150 ms before and after a pair; is motion.topic published at 10 Hz "
+                  "or more, and are the clocks synchronised?"};
   auto smallest = std::chrono::nanoseconds::max();
   for (const Image& image : images_)
     for (const LidarScan& scan : scans_) smallest = std::min(smallest, std::chrono::abs(scan.stamp - image.stamp));

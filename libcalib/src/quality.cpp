@@ -57,6 +57,12 @@ Result<void> check_pair(const FramePair& pair, const Camera& camera, const Scene
     return fail("image_size_mismatch", "the image is " + std::to_string(image.width) + " x " +
                                            std::to_string(image.height) + ", the configured camera " +
                                            std::to_string(camera.width()) + " x " + std::to_string(camera.height()));
+  if (pair.turn_rate_rad_s) {
+    const double apart_s = std::abs(std::chrono::duration<double>(pair.time_difference()).count());
+    if (const double turn_rad = apart_s * *pair.turn_rate_rad_s; turn_rad > limits.max_turn_rad)
+      return refuse("motion", "turn between image and point cloud in degrees", turn_rad / radians_per_degree,
+                    limits.max_turn_rad / radians_per_degree);
+  }
   constexpr int step = 4;
   double grey = 0, saturated = 0, texture = 0;
   std::size_t count = 0;

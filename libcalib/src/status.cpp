@@ -50,6 +50,7 @@ json inputs_json(const PairStatus& pair) {
               {"time_difference_ms", or_null(pair.time_difference_ms)}};
   if (pair.right_image) inputs["right_image"] = input_json(*pair.right_image);
   if (pair.depth) inputs["depth"] = input_json(*pair.depth);
+  if (pair.motion) inputs["motion"] = input_json(*pair.motion);
   return inputs;
 }
 
@@ -138,6 +139,7 @@ PairStatus pair_from(const json& object) {
   pair.cloud = input_from(inputs.at("cloud"));
   if (inputs.contains("right_image")) pair.right_image = input_from(inputs.at("right_image"));
   if (inputs.contains("depth")) pair.depth = input_from(inputs.at("depth"));
+  if (inputs.contains("motion")) pair.motion = input_from(inputs.at("motion"));
   pair.time_difference_ms = optional_from<double>(inputs.at("time_difference_ms"));
   return pair;
 }

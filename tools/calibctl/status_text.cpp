@@ -93,6 +93,7 @@ void pair_lines(Text& text, const PairStatus& pair, const RecordCheck& check, Wa
   input_line(text, "Image", pair.image);
   if (pair.right_image) input_line(text, "Right image", *pair.right_image);
   if (pair.depth) input_line(text, "Depth", *pair.depth);
+  if (pair.motion) input_line(text, "Motion", *pair.motion);
   input_line(text, "Cloud", pair.cloud);
   if (pair.time_difference_ms)
     text.line("Time difference", decimals(std::abs(*pair.time_difference_ms), 1) + " ms, cloud " +

@@ -45,6 +45,13 @@ struct LidarScan {
   std::vector<LidarPoint> points;
 };
 
+/// How fast the vehicle turned at one moment: the length of its angular velocity, which is the same however the sensor
+/// that measured it is mounted.
+struct TurnRate {
+  Timestamp stamp{};
+  double rate_rad_s = 0;
+};
+
 /// An image, the scan taken at nearly the same time, and what was taken with the image: the right one of a stereo
 /// camera, or depth.
 struct FramePair {
@@ -52,6 +59,8 @@ struct FramePair {
   std::optional<Image> right_image;
   LidarScan scan;
   std::optional<DepthImage> depth = {};
+  /// The fastest turn between the two stamps, where somebody tells.
+  std::optional<double> turn_rate_rad_s = {};
   /// Scan stamp minus image stamp.
   [[nodiscard]] std::chrono::nanoseconds time_difference() const { return scan.stamp - image.stamp; }
 };

@@ -11,6 +11,7 @@ namespace calib {
 struct Companions {
   bool right_image = false;
   bool depth = false;
+  bool turn_rate = false;
 };
 
 /// Finds the image and the scan that belong together among samples that arrive in any order.
@@ -22,30 +23,39 @@ class PairBuffer {
   /// are 15 cm at 30 m/s.
   static constexpr std::chrono::milliseconds trigger_tolerance{5};
 
+  /// A pair's turn rate is known when it was measured no longer than this before the earlier stamp and no longer than
+  /// this after the later one: it is the largest of those two and all in between. So odometry of 10 Hz, a little late,
+  /// will do, and a turn that begins or ends between two samples is seen.
+  static constexpr std::chrono::milliseconds turn_rate_tolerance{150};
+
   PairBuffer(std::chrono::nanoseconds max_time_difference, Companions companions);
 
   void add_image(Image image);
   void add_right_image(Image image);
   void add_depth(DepthImage depth);
   void add_scan(LidarScan scan);
+  void add_turn_rate(TurnRate rate);
 
   /// The pair with the smallest time difference within the tolerance, or nothing yet. Its samples, and all older ones,
   /// leave the buffer.
   [[nodiscard]] std::optional<FramePair> take();
 
   /// Why no pair came of what has arrived so far: `sensor_silent` (and which), `right_image_missing`,
-  /// `depth_missing` or `time_difference` (and how much).
+  /// `depth_missing`, `motion_unknown` or `time_difference` (and how much).
   [[nodiscard]] Error why_none() const;
 
  private:
   [[nodiscard]] bool has_companions(Timestamp stamp) const;
+  [[nodiscard]] std::optional<double> largest_turn_rate(Timestamp from, Timestamp to) const;
   static constexpr std::size_t capacity = 6;
+  static constexpr std::size_t turn_rate_capacity = 2048;  // two seconds of the fastest IMU, 32 KiB
   std::chrono::nanoseconds max_time_difference_;
   Companions companions_;
   std::deque<Image> images_;
   std::deque<Image> right_images_;
   std::deque<DepthImage> depths_;
   std::deque<LidarScan> scans_;
+  std::deque<TurnRate> turn_rates_;
 };
 
 }  // namespace calib

@@ -4,6 +4,7 @@
 
 #include "calib/depth.hpp"
 #include "calib/frame.hpp"
+#include "calib/geometry.hpp"
 
 namespace calib {
 
@@ -15,6 +16,9 @@ struct DepthRange {
 
 /// What a pair must have to be worth asking. The reasons of a refusal are the codes of the errors.
 struct QualityLimits {
+  /// `motion`: how far the vehicle may have turned between image and scan, rad, where it is known how fast it turned.
+  /// By so much the extrinsic seems to be off.
+  double max_turn_rad = 0.1 * radians_per_degree;
   double min_mean_grey = 20;         // `dark`: 0 .. 255
   double max_saturated_share = 0.4;  // `saturated`: of pixels at 250 and above
   double min_texture = 3;            // `low_texture`: mean absolute grey difference of pixels four apart
@@ -31,8 +35,8 @@ struct SceneThumbnail {
 [[nodiscard]] SceneThumbnail thumbnail(const Image& image);
 
 /// Checks, in the order in which they are cheap, all that can be known before depth is computed: `image_size_mismatch`
-/// (not the camera's), `dark`, `saturated`, `low_texture`, `standing_still` (against `last`, when there is one),
-/// `low_overlap` (no points).
+/// (not the camera's), `motion`, `dark`, `saturated`, `low_texture`, `standing_still` (against `last`, when there is
+/// one), `low_overlap` (no points).
 [[nodiscard]] Result<void> check_pair(const FramePair& pair, const Camera& camera, const SceneThumbnail* last,
                                       const QualityLimits& limits);
 

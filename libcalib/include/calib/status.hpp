@@ -66,7 +66,7 @@ struct PairStatus {
     std::optional<double> age_s;
   };
   Input image, cloud;
-  std::optional<Input> right_image, depth;
+  std::optional<Input> right_image, depth, motion;
   std::optional<double> time_difference_ms;
 };
 

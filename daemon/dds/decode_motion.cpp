@@ -1,0 +1,31 @@
+#include <cmath>
+
+#include "dds/decode.hpp"
+
+namespace calib {
+namespace {
+
+constexpr double max_rate_rad_s = 100;
+
+Result<TurnRate> turn_rate(const std_msgs_msg_dds__Header_& header, const geometry_msgs_msg_dds__Vector3_& velocity) {
+  const auto stamp = decode_stamp(header);
+  if (!stamp) return tl::unexpected(stamp.error());
+  const double rate = std::hypot(velocity.x, velocity.y, velocity.z);
+  if (!(rate <= max_rate_rad_s))
+    return fail("malformed:angular_velocity", "the angular velocity is not finite, or not below 100 rad/s");
+  return TurnRate{*stamp, rate};
+}
+
+}  // namespace
+
+Result<TurnRate> decode_imu(const sensor_msgs_msg_dds__Imu_& message) {
+  if (message.angular_velocity_covariance[0] == -1)
+    return fail("malformed:angular_velocity", "the sensor says (covariance -1) that it measures no angular velocity");
+  return turn_rate(message.header, message.angular_velocity);
+}
+
+Result<TurnRate> decode_odometry(const nav_msgs_msg_dds__Odometry_& message) {
+  return turn_rate(message.header, message.twist.twist.angular);
+}
+
+}  // namespace calib
