@@ -139,6 +139,18 @@ TEST_CASE("small shifts are found with patience, and slow ones as well as sudden
     }
 }
 
+TEST_CASE("a shift right after the baseline was learned does not become normal") {
+  for (std::uint64_t seed = 0; seed < 100; ++seed) {
+    Vehicle vehicle(seed);
+    DriftMonitor monitor(keen);
+    vehicle.drive(monitor, monitor.settings().baseline_pairs);
+    vehicle.offset[seed % 6] = 4 * Vehicle::noise;
+    REQUIRE(pairs_until_drifted(vehicle, monitor, 40) < 40);
+    vehicle.drive(monitor, 200);
+    REQUIRE(monitor.verdict() == DriftVerdict::drifted);
+  }
+}
+
 TEST_CASE("chance raises no more alarms than are wanted, also where consecutive pairs err alike") {
   DriftSettings settings = keen;
   settings.false_alarms_per_pair = 1e-2;

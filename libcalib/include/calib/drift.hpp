@@ -1,10 +1,9 @@
 #pragma once
 
 #include <array>
-#include <cstdint>
+#include <deque>
 #include <optional>
 #include <string>
-#include <vector>
 
 #include "calib/mutual_information.hpp"
 
@@ -97,11 +96,8 @@ inline constexpr std::array<double, 2> cusum_references{1.5, 0.6};
 
 /// What the monitor knows; everything of it survives a restart.
 struct DriftState {
-  struct Seen {
-    Timestamp stamp{};
-    Vector6 slope = Vector6::Zero();
-  };
-  std::vector<Seen> recent;  // the latest pairs, oldest first
+  /// The latest pairs, oldest first. Those with a response are not part of the baseline, or not yet.
+  std::deque<AxisEvidence> recent;
   DriftBaseline baseline;
   /// Cumulative sum of a chart, and the stamp of the first pair of the run of evidence that still counts: when the
   /// drift began, should it be one.
@@ -139,9 +135,10 @@ class DriftMonitor {
   [[nodiscard]] bool learned() const { return state_.baseline.pairs >= settings_.baseline_pairs; }
 
   /// Misalignment estimated from the latest pairs (while there is a first sign of drift, from those since), against the
-  /// baseline, all axes jointly, LiDAR frame (rad, m): the linear estimate of least variance, given that no axis is off
-  /// by more than about two stencil steps. What the pairs tell nothing of stays at zero, as unsure as that. At most
-  /// two stencil steps, beyond which it is "at least". Needs three pairs and a baseline.
+  /// baseline, LiDAR frame (rad, m). Slopes of different axes answer to one shift (pitch and z, yaw and y), so `delta`
+  /// is the simplest explanation, by as few axes as will do; at most two stencil steps each, beyond which it is "at
+  /// least". `covariance` is of all explanations, given that no axis is likely to be off by more than a stencil step.
+  /// Needs three pairs and a baseline.
   struct Estimate {
     Vector6 delta = Vector6::Zero();
     Matrix6 covariance = Matrix6::Zero();
@@ -160,7 +157,9 @@ class DriftMonitor {
   /// The largest sum of an axis' charts, as a share of its limit.
   [[nodiscard]] double evidence(int axis) const;
   [[nodiscard]] double evidence() const;
-  [[nodiscard]] double reference(std::size_t chart, int axis) const;
+  /// Both in deviations of one pair: the shift of an axis that is not looked for, and a chart's reference value.
+  [[nodiscard]] double negligible(int axis) const;
+  [[nodiscard]] double reference(std::size_t chart) const;
   void accumulate();
   [[nodiscard]] bool is_usual(const AxisEvidence& evidence) const;
   [[nodiscard]] DriftVerdict decide() const;

@@ -1,0 +1,115 @@
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+
+#include "calib/drift.hpp"
+
+namespace calib {
+namespace {
+
+/// Pairs that the present misalignment is estimated from.
+constexpr std::size_t estimate_pairs = 12;
+constexpr int least_estimate_pairs = 3;
+/// An axis is said to have moved when that explains as much.
+constexpr double sure_sigmas = 3;
+/// Slopes answer to a shift in proportion, give or take this share.
+constexpr double nonlinear_share = 0.1;
+/// Variance of the median of many normal values, in that of their mean.
+constexpr double median_variance = 1.57;
+
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::ranges::nth_element(values, middle);
+  if (values.size() % 2 == 1) return *middle;
+  return (*middle + *std::max_element(values.begin(), middle)) / 2;
+}
+
+using Axes = std::array<bool, 6>;
+constexpr Axes all_axes{true, true, true, true, true, true};
+
+/// Slopes that are `away` from what is normal, to be explained by shifts with a standard normal prior that the slopes
+/// answer to by `response`.
+struct Explanation {
+  Vector6 away = Vector6::Zero();
+  Matrix6 response = Matrix6::Zero(), information = Matrix6::Zero();
+
+  /// Inverse covariance of the shifts when only these axes may move; the others stay as sure as the prior.
+  [[nodiscard]] Matrix6 precision(const Axes& moved) const {
+    Matrix6 of_moved = response;
+    for (int axis = 0; axis < 6; ++axis)
+      if (!moved[static_cast<std::size_t>(axis)]) of_moved.col(axis).setZero();
+    return of_moved.transpose() * information * of_moved + Matrix6::Identity();
+  }
+  [[nodiscard]] Vector6 shift(const Axes& moved) const {
+    Vector6 pull = response.transpose() * information * away;
+    for (int axis = 0; axis < 6; ++axis)
+      if (!moved[static_cast<std::size_t>(axis)]) pull[axis] = 0;
+    return precision(moved).ldlt().solve(pull);
+  }
+  /// What stays unexplained, in squared standard deviations.
+  [[nodiscard]] double misfit(const Axes& moved) const {
+    const Vector6 x = shift(moved), left = away - response * x;
+    return left.dot(information * left) + x.squaredNorm();
+  }
+
+  /// Axis after axis, the one that explains most, as long as one explains something for sure.
+  [[nodiscard]] Vector6 simplest() const {
+    Axes moved{};
+    double misfit_before = misfit(moved);
+    while (moved != all_axes) {
+      std::optional<std::size_t> best;
+      double least = misfit_before - sure_sigmas * sure_sigmas;
+      for (std::size_t axis = 0; axis < 6; ++axis) {
+        if (moved[axis]) continue;
+        Axes with = moved;
+        with[axis] = true;
+        if (const double left = misfit(with); left < least) {
+          least = left;
+          best = axis;
+        }
+      }
+      if (!best) break;
+      moved[*best] = true;
+      misfit_before = least;
+    }
+    return shift(moved);
+  }
+};
+
+}  // namespace
+
+std::optional<DriftMonitor::Estimate> DriftMonitor::misalignment() const {
+  if (!learned()) return std::nullopt;
+  const DriftBaseline& baseline = state_.baseline;
+  // Pairs from before the drift began would dilute the estimate.
+  const Timestamp from = first_sign().value_or(Timestamp::min());
+  const std::size_t first = state_.recent.size() - std::min(state_.recent.size(), estimate_pairs);
+  std::array<std::vector<double>, 6> seen;
+  for (std::size_t i = first; i < state_.recent.size(); ++i)
+    if (state_.recent[i].stamp >= from)
+      for (std::size_t axis = 0; axis < 6; ++axis)
+        seen[axis].push_back(state_.recent[i].slope[static_cast<Eigen::Index>(axis)]);
+  const auto pairs = static_cast<int>(seen[0].size());
+  if (pairs < least_estimate_pairs) return std::nullopt;
+
+  // In units of one pair's spread (rows) and of the prior (columns).
+  Vector6 weight = Vector6::Zero(), prior;
+  Explanation problem;
+  for (int axis = 0; axis < 6; ++axis) {
+    prior[axis] = StencilStep{}.of_axis(axis);
+    if (baseline.spread(axis) > 0) weight[axis] = 1 / baseline.spread(axis);
+    problem.away[axis] = (median(seen[static_cast<std::size_t>(axis)]) - baseline.slope[axis]) * weight[axis];
+    if (baseline.observable(axis)) problem.response.col(axis) = baseline.response.col(axis) * prior[axis];
+  }
+  problem.response = weight.asDiagonal() * problem.response;
+  const Matrix6 spread = weight.asDiagonal() * baseline.slope_products * weight.asDiagonal() / (baseline.pairs - 1);
+  const Vector6 curved = nonlinear_share * problem.away;
+  const Matrix6 noise = spread * (median_variance / pairs + 1.0 / baseline.pairs) +
+                        Matrix6(curved.cwiseAbs2().asDiagonal()) + 1e-9 * Matrix6::Identity();
+  problem.information = noise.inverse();
+  return Estimate{prior.cwiseProduct(problem.simplest()).cwiseMax(-2 * prior).cwiseMin(2 * prior),
+                  prior.asDiagonal() * problem.precision(all_axes).inverse() * prior.asDiagonal()};
+}
+
+}  // namespace calib

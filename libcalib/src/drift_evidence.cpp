@@ -1,0 +1,98 @@
+#include <algorithm>
+#include <cmath>
+
+#include "calib/drift.hpp"
+
+namespace calib {
+namespace {
+
+/// An axis is observable when its mean response is this many standard errors above zero.
+constexpr double observable_sigmas = 3;
+/// Of consecutive pairs; what looks like more is a trend.
+constexpr double max_correlation = 0.6;
+
+/// Half widths of the shifts that a response is measured with: those that must be told apart.
+constexpr StencilStep response_shift{.rotation_rad = 0.4 * radians_per_degree, .translation_m = 0.1};
+
+double deviation(double sum_of_squares, int count) { return count < 2 ? 0 : std::sqrt(sum_of_squares / (count - 1)); }
+
+/// Slopes of the score along each axis.
+Vector6 slopes(const FeatureSet& frame, const RigidTransform& T_camera_lidar, const StencilStep& step,
+               const Objective& objective) {
+  Vector6 slope;
+  for (int axis = 0; axis < 6; ++axis) {
+    const Vector6 delta = Vector6::Unit(axis) * step.of_axis(axis);
+    slope[axis] = (score(frame, T_camera_lidar * perturbation(delta), objective).value -
+                   score(frame, T_camera_lidar * perturbation(-delta), objective).value) /
+                  (2 * step.of_axis(axis));
+  }
+  return slope;
+}
+
+}  // namespace
+
+double Stencil::best_neighbour() const { return std::max(minus.maxCoeff(), plus.maxCoeff()); }
+
+Stencil evaluate_stencil(const FeatureSet& frame, const RigidTransform& T_camera_lidar, const StencilStep& step,
+                         const Objective& objective) {
+  Stencil stencil;
+  stencil.current = score(frame, T_camera_lidar, objective).value;
+  for (int axis = 0; axis < 6; ++axis) {
+    const Vector6 delta = Vector6::Unit(axis) * step.of_axis(axis);
+    stencil.minus[axis] = score(frame, T_camera_lidar * perturbation(-delta), objective).value;
+    stencil.plus[axis] = score(frame, T_camera_lidar * perturbation(delta), objective).value;
+  }
+  return stencil;
+}
+
+AxisEvidence axis_evidence(const Stencil& stencil, Timestamp stamp, const StencilStep& step) {
+  AxisEvidence evidence{.stamp = stamp, .score = stencil.current};
+  for (int axis = 0; axis < 6; ++axis)
+    evidence.slope[axis] = (stencil.plus[axis] - stencil.minus[axis]) / (2 * step.of_axis(axis));
+  return evidence;
+}
+
+Matrix6 evaluate_response(const FeatureSet& frame, const RigidTransform& T_camera_lidar, const StencilStep& step,
+                          const Objective& objective) {
+  Matrix6 response;
+  for (int axis = 0; axis < 6; ++axis) {
+    // Seen from its own data, a LiDAR that has moved forward is an extrinsic that has stayed behind.
+    const Vector6 shift = Vector6::Unit(axis) * response_shift.of_axis(axis);
+    response.col(axis) = (slopes(frame, T_camera_lidar * perturbation(-shift), step, objective) -
+                          slopes(frame, T_camera_lidar * perturbation(shift), step, objective)) /
+                         (2 * response_shift.of_axis(axis));
+  }
+  return response;
+}
+
+void DriftBaseline::add(const AxisEvidence& evidence) {
+  ++pairs;
+  const Vector6 before = evidence.slope - slope;
+  slope += before / pairs;
+  const Vector6 away = evidence.slope - slope;
+  slope_products += before * away.transpose();
+  if (pairs > 1) lagged_products += away.cwiseProduct(latest_slope - slope);
+  latest_slope = evidence.slope;
+  const Matrix6 response_before = *evidence.response - response;
+  response += response_before / pairs;
+  response_squares += response_before.diagonal().cwiseProduct((*evidence.response - response).diagonal());
+  const double score_before = evidence.score - score;
+  score += score_before / pairs;
+  score_squares += score_before * (evidence.score - score);
+}
+
+double DriftBaseline::spread(int axis) const {
+  if (pairs < 2 || slope_products(axis, axis) <= 0) return 0;
+  const double correlation = std::clamp(lagged_products[axis] / slope_products(axis, axis), 0.0, max_correlation);
+  // The deviation of n values is itself unsure by 1 / sqrt(2 n) of it: two of these more, for too small a one would
+  // raise false alarms.
+  return deviation(slope_products(axis, axis), pairs) * (1 + 2 / std::sqrt(2.0 * pairs)) *
+         std::sqrt((1 + correlation) / (1 - correlation));
+}
+
+bool DriftBaseline::observable(int axis) const {
+  const double error = deviation(response_squares[axis], pairs) / std::sqrt(std::max(1, pairs));
+  return pairs > 1 && spread(axis) > 0 && response(axis, axis) > observable_sigmas * error;
+}
+
+}  // namespace calib
