@@ -34,6 +34,13 @@ int main(int argc, char** argv) {
   app.add_option("--lidar-fov-deg", simulation.lidar.field_of_view_deg, "azimuth covered, centred ahead")
       ->check(CLI::Range(10.0, 360.0))
       ->capture_default_str();
+  double cloud_late_ms = 0, weave_deg = 0;
+  app.add_option("--cloud-late-ms", cloud_late_ms, "the LiDAR measures so long after the cameras, and says so")
+      ->check(CLI::Range(0.0, 1000.0))
+      ->capture_default_str();
+  app.add_option("--weave-deg", weave_deg, "the heading swings to both sides by so much, once in six seconds")
+      ->check(CLI::Range(0.0, 30.0))
+      ->capture_default_str();
   vehicle::add_play_options(app, options);
   app.add_flag("--unrectified", simulation.unrectified,
                "the stereo camera's images as they come: lenses that bend, mounts that are not straight")
@@ -69,6 +76,8 @@ int main(int argc, char** argv) {
     if (!parsed) return usage(parsed.error());
     simulation.camera = *std::move(parsed);
   }
+  simulation.cloud_late_s = cloud_late_ms / 1000;
+  simulation.weave_rad = weave_deg * radians_per_degree;
   const auto simulated = vehicle::simulated_vehicle(simulation);
   if (!simulated) return usage(simulated.error());
   return vehicle::play(*simulated, options);

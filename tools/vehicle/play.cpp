@@ -88,6 +88,12 @@ std::string depth_config(const Vehicle& vehicle, const PublisherOptions& publish
          (rectified ? ", baseline_m: " + json(vehicle.baseline_m).dump() : ", right_info: " + topics.right_info) + "}";
 }
 
+std::string motion_config(const PublisherOptions& publisher) {
+  if (publisher.topics.motion.empty()) return "";
+  return "    motion: {topic: " + publisher.topics.motion +
+         ", type: " + (publisher.motion_as == MotionAs::imu ? "imu" : "odometry") + "}\n";
+}
+
 void print_config(const Vehicle& vehicle, const PublisherOptions& publisher) {
   const Camera& camera = vehicle.camera;
   const Topics& topics = publisher.topics;
@@ -101,6 +107,7 @@ void print_config(const Vehicle& vehicle, const PublisherOptions& publisher) {
             << "}\n    T_camera_lidar: {translation_m: " << json(translation_m(vehicle.T_camera_lidar)).dump()
             << ", quaternion_xyzw: " << json(quaternion_xyzw(vehicle.T_camera_lidar)).dump()
             << "}\n    depth: " << depth_config(vehicle, publisher) << '\n'
+            << motion_config(publisher)
             << "    recalibration: {mode: apply, frames: 25, max_rotation_deg: 5, max_translation_cm: 50}\n";
 }
 
@@ -165,13 +172,54 @@ Result<void> dump(const Vehicle& vehicle, const PlayOptions& options, const Knoc
   return {};
 }
 
+Timestamp wall_time() { return std::chrono::system_clock::now().time_since_epoch(); }
+
+/// Tells how the vehicle turns, where that is asked for: at given moments, and a hundred times a second while it waits.
+class MotionTeller {
+ public:
+  MotionTeller(const Vehicle& vehicle, Publisher& publisher, bool wanted)
+      : vehicle_(vehicle), publisher_(publisher), wanted_(wanted) {}
+
+  /// At `stamp` the vehicle has driven for `t_s`.
+  void tell(Timestamp stamp, double t_s) {
+    stamp_ = stamp, t_s_ = t_s;
+    if (wanted_ && sent_) sent_ = publisher_.publish_motion(stamp, vehicle_.angular_velocity(t_s));
+  }
+  /// Waits until `time`; whether a signal, or a failure to publish, came before that.
+  [[nodiscard]] bool ended_before(Clock::time_point time, const EndSignals& end_signals) {
+    while (sent_) {
+      const auto next = wanted_ ? std::min(time, Clock::now() + std::chrono::milliseconds(10)) : time;
+      if (end_signals.arrived_before(next)) return true;
+      if (next == time) return false;
+      const Timestamp now = wall_time();
+      tell(now, t_s_ + std::chrono::duration<double>(now - stamp_).count());
+    }
+    return true;
+  }
+  [[nodiscard]] const Result<void>& sent() const { return sent_; }
+
+ private:
+  const Vehicle& vehicle_;
+  Publisher& publisher_;
+  bool wanted_;
+  Result<void> sent_;
+  Timestamp stamp_ = wall_time();
+  double t_s_ = 0;
+};
+
+std::chrono::nanoseconds nanoseconds(double seconds) { return std::chrono::nanoseconds(std::llround(1e9 * seconds)); }
+
 Result<void> drive(const Vehicle& vehicle, const PlayOptions& options, const Knock& knock) {
   const EndSignals end_signals;
+  const bool tells_motion = !options.publisher.topics.motion.empty();
+  if (tells_motion && !vehicle.angular_velocity)
+    return fail("no_motion", "a recorded drive does not know how the vehicle turned; leave out --motion-topic");
   auto publisher = Publisher::open(options.publisher, vehicle);
   if (!publisher) return tl::unexpected(publisher.error());
 
   TruthPrinter truth(vehicle.T_camera_lidar);
-  const std::chrono::nanoseconds period(std::llround(1e9 / options.rate_hz));
+  MotionTeller motion(vehicle, *publisher, tells_motion);
+  const auto period = nanoseconds(1 / options.rate_hz), late = nanoseconds(vehicle.cloud_late_s);
   const std::size_t count = frame_count(options);
   const auto reached = [](const std::optional<double>& after_s, double t_s) { return after_s && t_s >= *after_s; };
   std::optional<FramePair> frozen;
@@ -187,21 +235,24 @@ Result<void> drive(const Vehicle& vehicle, const PlayOptions& options, const Kno
       if (!frozen) frozen = FramePair{pair->image, pair->right_image, {}};
       pair->image = frozen->image, pair->right_image = frozen->right_image;
     }
-    if (end_signals.arrived_before(options.fast ? Clock::now() : due)) break;
+    if (motion.ended_before(options.fast ? Clock::now() : due, end_signals)) break;
     // Behind schedule: go on from here instead of catching up in a burst.
     due = std::max(due, Clock::now() - period) + period;
 
     truth.at(t_s, i, delta);
-    const Timestamp now = std::chrono::system_clock::now().time_since_epoch();
+    const Timestamp now = wall_time();
     pair->image.stamp = pair->right_image->stamp = now;
-    pair->scan.stamp = now + std::chrono::nanoseconds(std::llround(1e6 * options.time_offset_ms));
+    pair->scan.stamp = now + late + nanoseconds(1e-3 * options.time_offset_ms);
+    motion.tell(now, t_s);
     if (const auto sent = publisher->publish(pair->image, *pair->right_image); !sent) return sent;
     if (const auto sent = publisher->publish_depth(now, pair->depth_m); !sent) return sent;
     if (reached(options.silence_lidar_after_s, t_s)) continue;
+    if (motion.ended_before(Clock::now() + late, end_signals)) break;
+    motion.tell(now + late, t_s + vehicle.cloud_late_s);
     if (const auto sent = publisher->publish(pair->scan); !sent) return sent;
   }
   truth.end(t_s, i, knock.at(t_s));
-  return {};
+  return motion.sent();
 }
 
 }  // namespace

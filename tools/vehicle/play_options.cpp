@@ -29,6 +29,11 @@ void add_play_options(CLI::App& app, PlayOptions& options) {
       ->transform(CLI::CheckedTransformer(std::map<std::string, DepthAs>{
           {"32FC1", DepthAs::metres}, {"16UC1", DepthAs::millimetres}, {"disparity", DepthAs::disparity}}))
       ->needs(depth);
+  auto* motion = app.add_option("--motion-topic", topics.motion, "publish how the vehicle turns as well, here");
+  app.add_option("--motion-as", options.publisher.motion_as, "its message")
+      ->transform(CLI::CheckedTransformer(
+          std::map<std::string, MotionAs>{{"imu", MotionAs::imu}, {"odometry", MotionAs::odometry}}))
+      ->needs(motion);
 
   triple("--knock-deg", options.knock.rotation_deg, "turn the LiDAR: roll,pitch,yaw");
   triple("--knock-cm", options.knock.translation_cm, "shift the LiDAR: x,y,z");

@@ -16,6 +16,8 @@ namespace {
 constexpr const char* image_hash = "d31d41a9a4c4bc8eae9be757b0beed306564f7526c88ea6a4588fb9582527d47";
 constexpr const char* camera_info_hash = "b3dfd68ff46c9d56c80fd3bd4ed22c7a4ddce8c8348f2f59c299e73118e7e275";
 constexpr const char* disparity_hash = "1ec1ff6b5bace919e4544a37f2d96ead9f81783701b7b7a4d97a09325ecf2711";
+constexpr const char* imu_hash = "7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b";
+constexpr const char* odometry_hash = "3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0";
 constexpr const char* point_cloud_hash = "9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5";
 
 tl::unexpected<Error> dds_failed(const std::string& what, dds_return_t code) {
@@ -97,6 +99,7 @@ Result<Publisher> Publisher::open(const PublisherOptions& options, const Vehicle
                                     "\" multicast=\"true\"/></Interfaces></General></Domain></CycloneDDS>";
   Publisher publisher(vehicle);
   publisher.depth_as_ = options.depth_as;
+  publisher.motion_as_ = options.motion_as;
   const dds_entity_t domain = dds_create_domain(static_cast<dds_domainid_t>(options.domain), configuration.c_str());
   if (domain < 0) return dds_failed("domain " + std::to_string(options.domain) + " on " + options.interface, domain);
   publisher.domain_ = domain;
@@ -110,7 +113,7 @@ Result<Publisher> Publisher::open(const PublisherOptions& options, const Vehicle
     const std::string& name;
     const char* hash;
   };
-  const bool disparity = options.depth_as == DepthAs::disparity;
+  const bool disparity = options.depth_as == DepthAs::disparity, imu = options.motion_as == MotionAs::imu;
   const Topics& topics = options.topics;
   for (const Wanted& wanted :
        {Wanted{publisher.left_, sensor_msgs_msg_dds__Image__desc, topics.left_image, image_hash},
@@ -120,8 +123,10 @@ Result<Publisher> Publisher::open(const PublisherOptions& options, const Vehicle
         Wanted{publisher.cloud_, sensor_msgs_msg_dds__PointCloud2__desc, topics.cloud, point_cloud_hash},
         Wanted{publisher.depth_,
                disparity ? stereo_msgs_msg_dds__DisparityImage__desc : sensor_msgs_msg_dds__Image__desc, topics.depth,
-               disparity ? disparity_hash : image_hash}}) {
-    if (&wanted.writer == &publisher.depth_ && topics.depth.empty()) continue;
+               disparity ? disparity_hash : image_hash},
+        Wanted{publisher.motion_, imu ? sensor_msgs_msg_dds__Imu__desc : nav_msgs_msg_dds__Odometry__desc,
+               topics.motion, imu ? imu_hash : odometry_hash}}) {
+    if (wanted.name.empty() && (&wanted.writer == &publisher.depth_ || &wanted.writer == &publisher.motion_)) continue;
     const auto writer = open_writer(participant, wanted.type, wanted.name, wanted.hash, options.best_effort);
     if (!writer) return tl::unexpected(writer.error());
     wanted.writer = *writer;
@@ -137,7 +142,9 @@ Publisher::Publisher(Publisher&& other) noexcept
       right_info_(other.right_info_),
       cloud_(other.cloud_),
       depth_(other.depth_),
+      motion_(other.motion_),
       depth_as_(other.depth_as_),
+      motion_as_(other.motion_as_),
       vehicle_(std::move(other.vehicle_)) {}
 
 Publisher::~Publisher() {
@@ -182,6 +189,24 @@ Result<void> Publisher::publish_depth(Timestamp stamp, const std::vector<float>&
   message.max_disparity = static_cast<float>(camera.width());
   message.delta_d = 1.0F / 16;
   return write(depth_, &message);
+}
+
+Result<void> Publisher::publish_motion(Timestamp stamp, const Eigen::Vector3d& angular_velocity_rad_s) {
+  if (motion_ == 0) return {};
+  const Eigen::Vector3d& w = angular_velocity_rad_s;
+  if (motion_as_ == MotionAs::odometry) {
+    nav_msgs_msg_dds__Odometry_ message{};
+    message.header = header(stamp, "odom");
+    message.child_frame_id = const_cast<char*>("base_link");
+    message.twist.twist.angular = {w.x(), w.y(), w.z()};
+    return write(motion_, &message);
+  }
+  sensor_msgs_msg_dds__Imu_ message{};
+  message.header = header(stamp, "imu");
+  message.angular_velocity = {w.x(), w.y(), w.z()};
+  // By convention: not measured.
+  message.orientation_covariance[0] = message.linear_acceleration_covariance[0] = -1;
+  return write(motion_, &message);
 }
 
 Result<void> Publisher::publish_info(int writer, Timestamp stamp, double baseline_m,

@@ -11,11 +11,14 @@ struct Topics {
   std::string left_image = "/camera/left/image", right_image = "/camera/right/image";
   std::string left_info = "/camera/left/camera_info", right_info = "/camera/right/camera_info";
   std::string cloud = "/lidar/points";
-  std::string depth;  // of the left camera; empty: none is published
+  std::string depth;   // of the left camera; empty: none is published
+  std::string motion;  // likewise
 };
 
 /// The message that carries depth: Image of metres or millimetres, or DisparityImage.
 enum class DepthAs { metres, millimetres, disparity };
+/// The message that tells how the vehicle turns.
+enum class MotionAs { imu, odometry };
 
 struct PublisherOptions {
   int domain = 0;
@@ -23,6 +26,7 @@ struct PublisherOptions {
   bool best_effort = false;
   Topics topics;
   DepthAs depth_as = DepthAs::metres;
+  MotionAs motion_as = MotionAs::imu;
 };
 
 /// Publishes frames as ROS 2 drivers do: Image (mono8), CameraInfo and PointCloud2 (x, y, z, intensity as
@@ -40,6 +44,9 @@ class Publisher {
   /// `no_depth`.
   [[nodiscard]] Result<void> publish_depth(Timestamp stamp, const std::vector<float>& depth_m);
 
+  /// Nothing when no topic was asked for.
+  [[nodiscard]] Result<void> publish_motion(Timestamp stamp, const Eigen::Vector3d& angular_velocity_rad_s);
+
   Publisher(Publisher&& other) noexcept;
   Publisher& operator=(Publisher&&) = delete;
   ~Publisher();
@@ -50,8 +57,9 @@ class Publisher {
                                           const Eigen::Matrix3d& R_rectified_camera);
 
   int domain_ = 0;  // entity handles; 0 when there is none
-  int left_ = 0, right_ = 0, left_info_ = 0, right_info_ = 0, cloud_ = 0, depth_ = 0;
+  int left_ = 0, right_ = 0, left_info_ = 0, right_info_ = 0, cloud_ = 0, depth_ = 0, motion_ = 0;
   DepthAs depth_as_ = DepthAs::metres;
+  MotionAs motion_as_ = MotionAs::imu;
   Vehicle vehicle_;
 };
 

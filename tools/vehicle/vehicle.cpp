@@ -1,6 +1,7 @@
 #include "vehicle/vehicle.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <memory>
 
 #include "vehicle/knock.hpp"
@@ -19,6 +20,12 @@ void turn_to_axis(const Camera& camera, std::vector<float>& depth_m) {
         depth_m[i] *= static_cast<float>(std::max(bearing->z(), 0.0));
 }
 
+RigidTransform T_world_vehicle(const Scene& scene, double weave_rad, double t_s) {
+  RigidTransform pose = scene.T_world_vehicle(t_s);
+  pose.rotate(Eigen::AngleAxisd(weave_rad * std::sin(2 * M_PI * t_s / weave_period_s), Eigen::Vector3d::UnitZ()));
+  return pose;
+}
+
 }  // namespace
 
 Result<Vehicle> simulated_vehicle(const Simulation& simulation) {
@@ -34,13 +41,17 @@ Result<Vehicle> simulated_vehicle(const Simulation& simulation) {
   const auto scene = std::make_shared<Scene>(simulation.seed);
   const auto frame = [simulation, rig = *rig, scene, wide](std::size_t index, double t_s,
                                                            const RigidTransform& motion) -> Result<SeenFrame> {
-    const auto instances = scene->instances(t_s);
-    const RigidTransform T_world_left = scene->T_world_vehicle(t_s) * rig.T_vehicle_camera;
-    const RigidTransform T_world_lidar = T_world_left * rig.T_camera_lidar * motion;
+    const auto T_world_left_at = [&](double time_s) {
+      return T_world_vehicle(*scene, simulation.weave_rad, time_s) * rig.T_vehicle_camera;
+    };
+    const double scan_s = t_s + simulation.cloud_late_s;
+    const RigidTransform T_world_lidar = T_world_left_at(scan_s) * rig.T_camera_lidar * motion;
+    const RigidTransform T_world_left = T_world_left_at(t_s);
     const float exposure = simulation.dark ? 4e-5f : 0.9f;
     const auto key = [&](std::uint64_t sensor) { return mix(simulation.seed, index, sensor); };
     SeenFrame seen;
-    seen.scan = scan(*scene, instances, simulation.lidar, T_world_lidar, key(2));
+    seen.scan = scan(*scene, scene->instances(scan_s), simulation.lidar, T_world_lidar, key(2));
+    const auto instances = scene->instances(t_s);
     const auto look = [&](const RigidTransform& T_world_camera) {
       return wide ? wide->render(*scene, instances, T_world_camera)
                   : render(*scene, instances, rig.camera, T_world_camera);
@@ -53,8 +64,15 @@ Result<Vehicle> simulated_vehicle(const Simulation& simulation) {
     if (wide) turn_to_axis(rig.camera, seen.depth_m);
     return seen;
   };
-  return Vehicle{rig->camera, rig->baseline_m, rig->R_rectified_left, rig->R_rectified_right, rig->T_camera_lidar,
-                 frame};
+  const auto angular_velocity = [scene, weave_rad = simulation.weave_rad](double t_s) -> Eigen::Vector3d {
+    constexpr double h = 1e-3;
+    const Eigen::AngleAxisd turn((T_world_vehicle(*scene, weave_rad, t_s - h).linear().transpose() *
+                                  T_world_vehicle(*scene, weave_rad, t_s + h).linear())
+                                     .eval());
+    return turn.axis() * turn.angle() / (2 * h);
+  };
+  return Vehicle{rig->camera,         rig->baseline_m, rig->R_rectified_left,   rig->R_rectified_right,
+                 rig->T_camera_lidar, frame,           simulation.cloud_late_s, angular_velocity};
 }
 
 Result<Vehicle> recorded_vehicle(const Recording& recording) {

@@ -28,6 +28,10 @@ struct Vehicle {
   /// What the sensors see in frame `index`, `t_s` after the start, by a LiDAR that has moved by `motion` in
   /// its own frame. Stamps are not set.
   std::function<Result<SeenFrame>(std::size_t index, double t_s, const RigidTransform& motion)> frame;
+  /// How long after its images a frame's scan is taken, by a LiDAR that is not triggered with the cameras.
+  double cloud_late_s = 0;
+  /// How it turns at a time after the start: rad/s about its own axes. Recorded vehicles do not know.
+  std::function<Eigen::Vector3d(double t_s)> angular_velocity = {};
 };
 
 struct Simulation {
@@ -37,7 +41,10 @@ struct Simulation {
   bool unrectified = false;      // the stereo camera as lenses and mounts are, instead of rectified
   bool dark = false;             // night without lights: the cameras see next to nothing, the LiDAR as much as ever
   LidarModel lidar;
+  double cloud_late_s = 0;
+  double weave_rad = 0;  // the heading swings to both sides by so much, once in `weave_period_s`
 };
+constexpr double weave_period_s = 6;
 
 /// Drives through the endless street of a seed. A frame depends on the simulation, its index and its time
 /// alone.
