@@ -1,6 +1,5 @@
 #include "calib/record.hpp"
 
-
 #include <algorithm>
 #include <array>
 #include <charconv>
@@ -13,8 +12,8 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::array<Decision, 5> decisions{Decision::initial, Decision::accepted, Decision::proposed,
-                                            Decision::rejected, Decision::rolled_back};
+constexpr std::array<Decision, 6> decisions{Decision::initial,  Decision::accepted,    Decision::proposed,
+                                            Decision::rejected, Decision::rolled_back, Decision::baseline};
 /// More than any record needs; a reader stops here before it parses.
 constexpr std::size_t largest_record = 1 << 20;
 
@@ -29,6 +28,23 @@ json score_json(const CalibrationRecord::Score& score) {
           {"held_back_after", score.held_back_after}};
 }
 
+json matrix_json(const Matrix6& matrix) {
+  json rows = json::array();
+  for (int row = 0; row < 6; ++row) rows.push_back(json_fields::array_of<6>(matrix.row(row).transpose()));
+  return rows;
+}
+
+json baseline_json(const CalibrationRecord::Baseline& baseline) {
+  return {{"pairs", baseline.pairs},
+          {"slope", json_fields::array_of<6>(baseline.slope)},
+          {"slope_covariance", matrix_json(baseline.slope_covariance)},
+          {"slope_correlation", json_fields::array_of<6>(baseline.slope_correlation)},
+          {"response", matrix_json(baseline.response)},
+          {"response_deviation", json_fields::array_of<6>(baseline.response_deviation)},
+          {"score", baseline.score},
+          {"score_deviation", baseline.score_deviation}};
+}
+
 json record_json(const CalibrationRecord& record) {
   json stamps = json::array();
   for (const std::int64_t stamp : record.frame_stamps_ns) stamps.push_back(std::to_string(stamp));
@@ -36,32 +52,32 @@ json record_json(const CalibrationRecord& record) {
   if (record.sigma)
     sigma = {{"rotation_rad", json_fields::array_of<3>(record.sigma->head<3>())},
              {"translation_m", json_fields::array_of<3>(record.sigma->tail<3>())}};
-  return {{"schema", std::uint64_t{1}},
-          {"vehicle", record.vehicle},
-          {"pair", record.pair},
-          {"sequence", record.sequence},
-          {"previous_sha256", record.previous_sha256},
-          {"decision", to_string(record.decision)},
-          {"reason", record.reason},
-          {"asked_by", record.asked_by},
-          {"T_camera_lidar", transform_json(record.T_camera_lidar)},
-          {"T_camera_lidar_before", transform_json(record.T_camera_lidar_before)},
-          {"sigma", sigma},
-          {"score", record.score ? score_json(*record.score) : json()},
-          {"frame_stamps_ns", stamps},
-          {"configuration_sha256", record.configuration_sha256},
-          {"software_version", record.software_version},
-          {"software_sha256", record.software_sha256},
-          {"wall_time", rfc3339_ns(record.wall_time)},
-          {"boot_id", record.boot_id},
-          {"boot_time_ns", std::to_string(record.boot_time.count())}};
+  json object{{"schema", std::uint64_t{1}},
+              {"vehicle", record.vehicle},
+              {"pair", record.pair},
+              {"sequence", record.sequence},
+              {"previous_sha256", record.previous_sha256},
+              {"decision", to_string(record.decision)},
+              {"reason", record.reason},
+              {"asked_by", record.asked_by},
+              {"T_camera_lidar", transform_json(record.T_camera_lidar)},
+              {"T_camera_lidar_before", transform_json(record.T_camera_lidar_before)},
+              {"sigma", sigma},
+              {"score", record.score ? score_json(*record.score) : json()},
+              {"frame_stamps_ns", stamps},
+              {"configuration_sha256", record.configuration_sha256},
+              {"software_version", record.software_version},
+              {"software_sha256", record.software_sha256},
+              {"wall_time", rfc3339_ns(record.wall_time)},
+              {"boot_id", record.boot_id},
+              {"boot_time_ns", std::to_string(record.boot_time.count())}};
+  if (record.baseline) object["baseline"] = baseline_json(*record.baseline);
+  return object;
 }
 
 // The readers below ask for the exact JSON type (get_ref does not convert), so that one record has one form.
 
-const std::string& text_at(const json& object, const char* key) {
-  return object.at(key).get_ref<const std::string&>();
-}
+const std::string& text_at(const json& object, const char* key) { return object.at(key).get_ref<const std::string&>(); }
 
 double number_at(const json& object, const char* key) { return object.at(key).get_ref<const double&>(); }
 
@@ -80,14 +96,44 @@ std::int64_t nanoseconds_from(const std::string& text) {
 }
 
 /// A whole number would be a second way to write the same value (`0` for `0.0`).
-void require_float_lists(const json& object) {
-  for (const json& list : object)
-    for (const json& number : list) require(number.is_number_float(), "a list holds a whole number");
+void require_floats(const json& list) {
+  for (const json& number : list) require(number.is_number_float(), "a list holds what is not a number with a point");
+}
+
+Vector6 strict_vector_from(const json& list) {
+  require_floats(list);
+  return json_fields::vector_from<6>(list);
+}
+
+Matrix6 strict_matrix_from(const json& rows) {
+  require(rows.is_array() && rows.size() == 6, "a matrix has not six rows");
+  Matrix6 matrix;
+  for (int row = 0; row < 6; ++row) matrix.row(row) = strict_vector_from(rows[row]).transpose();
+  return matrix;
+}
+
+CalibrationRecord::Baseline baseline_from(const json& object) {
+  require(object.size() == 8, "the baseline has a field that it should not have");
+  CalibrationRecord::Baseline baseline;
+  baseline.pairs = object.at("pairs").get_ref<const std::uint64_t&>();
+  baseline.slope = strict_vector_from(object.at("slope"));
+  baseline.slope_covariance = strict_matrix_from(object.at("slope_covariance"));
+  baseline.slope_correlation = strict_vector_from(object.at("slope_correlation"));
+  baseline.response = strict_matrix_from(object.at("response"));
+  baseline.response_deviation = strict_vector_from(object.at("response_deviation"));
+  baseline.score = number_at(object, "score");
+  baseline.score_deviation = number_at(object, "score_deviation");
+  require(baseline.pairs >= 2 && baseline.pairs <= 1'000'000, "a baseline is of two pairs or more");
+  require((baseline.slope_covariance.diagonal().array() >= 0).all() && baseline.score_deviation >= 0 &&
+              (baseline.response_deviation.array() >= 0).all(),
+          "a deviation of the baseline is negative");
+  require(baseline.slope_covariance == baseline.slope_covariance.transpose(), "the covariance is not symmetric");
+  return baseline;
 }
 
 Vector6 sigma_from(const json& object) {
   require(object.size() == 2, "sigma has a field that it should not have");
-  require_float_lists(object);
+  for (const json& list : object) require_floats(list);
   Vector6 sigma;
   sigma.head<3>() = json_fields::vector_from<3>(object.at("rotation_rad"));
   sigma.tail<3>() = json_fields::vector_from<3>(object.at("translation_m"));
@@ -102,13 +148,12 @@ CalibrationRecord::Score score_from(const json& object) {
 
 RigidTransform strict_transform_from(const json& object) {
   require(object.size() == 2, "a transform has a field that it should not have");
-  require_float_lists(object);
+  for (const json& list : object) require_floats(list);
   return json_fields::transform_from(object);
 }
 
 Decision decision_from(const std::string& text) {
-  const auto found =
-      std::ranges::find_if(decisions, [&](Decision decision) { return to_string(decision) == text; });
+  const auto found = std::ranges::find_if(decisions, [&](Decision decision) { return to_string(decision) == text; });
   require(found != decisions.end(), "the decision is not one of those there are");
   return *found;
 }
@@ -120,7 +165,7 @@ WallTime wall_time_from(const std::string& text) {
 }
 
 CalibrationRecord record_from(const json& object) {
-  constexpr std::size_t field_count = 19;
+  constexpr std::size_t field_count = 19;  // and the baseline, of a record of that decision
   require(object.at("schema").get_ref<const std::uint64_t&>() == 1,
           "the schema is not 1, the only one this program knows");
   CalibrationRecord record;
@@ -135,6 +180,8 @@ CalibrationRecord record_from(const json& object) {
   record.T_camera_lidar_before = strict_transform_from(object.at("T_camera_lidar_before"));
   if (const json& sigma = object.at("sigma"); !sigma.is_null()) record.sigma = sigma_from(sigma);
   if (const json& score = object.at("score"); !score.is_null()) record.score = score_from(score);
+  const bool of_baseline = record.decision == Decision::baseline;
+  if (of_baseline) record.baseline = baseline_from(object.at("baseline"));
   for (const json& stamp : object.at("frame_stamps_ns").get_ref<const json::array_t&>())
     record.frame_stamps_ns.push_back(nanoseconds_from(stamp.get_ref<const std::string&>()));
   record.configuration_sha256 = sha256_at(object, "configuration_sha256");
@@ -143,7 +190,7 @@ CalibrationRecord record_from(const json& object) {
   record.wall_time = wall_time_from(text_at(object, "wall_time"));
   record.boot_id = text_at(object, "boot_id");
   record.boot_time = std::chrono::nanoseconds(nanoseconds_from(text_at(object, "boot_time_ns")));
-  require(object.size() == field_count, "the record has a field that it should not have");
+  require(object.size() == field_count + of_baseline, "the record has a field that it should not have");
   require(record.sequence > 0, "sequence counts from 1");
   return record;
 }
@@ -168,8 +215,14 @@ std::string_view to_string(Decision decision) {
       return "rejected";
     case Decision::rolled_back:
       return "rolled_back";
+    case Decision::baseline:
+      return "baseline";
   }
   return "";
+}
+
+bool puts_in_force(Decision decision) {
+  return decision == Decision::initial || decision == Decision::accepted || decision == Decision::rolled_back;
 }
 
 nlohmann::json transform_json(const RigidTransform& transform) {
@@ -207,20 +260,18 @@ Result<SignedRecord> sign_record(const CalibrationRecord& record, const SigningK
 }
 
 Result<CalibrationRecord> verify_record(const SignedRecord& record, const PublicKey& key,
-                                        std::string_view expected_previous_sha256,
-                                        std::uint64_t expected_sequence) {
+                                        std::string_view expected_previous_sha256, std::uint64_t expected_sequence) {
   // The signature first: nothing that nobody signed is parsed.
   if (const auto is_signed = verify_signature(record.canonical, record.signature, key); !is_signed)
     return tl::unexpected(is_signed.error());
   auto parsed = parse_record(record.canonical);
   if (!parsed) return parsed;
   if (parsed->sequence != expected_sequence)
-    return fail("broken_chain", "it says that it is record " + std::to_string(parsed->sequence) +
-                                    " where record " + std::to_string(expected_sequence) + " should be");
+    return fail("broken_chain", "it says that it is record " + std::to_string(parsed->sequence) + " where record " +
+                                    std::to_string(expected_sequence) + " should be");
   if (parsed->previous_sha256 != expected_previous_sha256)
     return fail("broken_chain", "it follows a record with SHA-256 " + parsed->previous_sha256 +
-                                    ", but the record before it has " +
-                                    std::string(expected_previous_sha256));
+                                    ", but the record before it has " + std::string(expected_previous_sha256));
   return parsed;
 }
 

@@ -2,8 +2,11 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <limits>
 #include <nlohmann/json.hpp>
 
+#include "calib/axis_words.hpp"
 #include "calib/record.hpp"
 #include "json_fields.hpp"
 
@@ -21,20 +24,33 @@ json or_null(const std::optional<T>& value) {
   return value ? json(*value) : json();
 }
 
-json input_json(const PairStatus::Input& input) {
-  return {{"topic", input.topic}, {"age_s", or_null(input.age_s)}};
-}
+json input_json(const PairStatus::Input& input) { return {{"topic", input.topic}, {"age_s", or_null(input.age_s)}}; }
 
 json misalignment_json(const PairStatus::Misalignment& misalignment) {
   const Vector6 &delta = misalignment.delta, &sigma = misalignment.sigma;
-  const auto degrees = [](const Vector6& v) {
-    return json_fields::array_of<3>(v.head<3>() / radians_per_degree);
-  };
+  const auto degrees = [](const Vector6& v) { return json_fields::array_of<3>(v.head<3>() / radians_per_degree); };
   const auto cm = [](const Vector6& v) { return json_fields::array_of<3>(v.tail<3>() * cm_per_m); };
   return {{"rotation_deg", degrees(delta)},
           {"translation_cm", cm(delta)},
           {"sigma_rotation_deg", degrees(sigma)},
           {"sigma_translation_cm", cm(sigma)}};
+}
+
+/// Null where infinite.
+json noticeable_json(const Vector6& shifts) {
+  const auto three = [&](int first, double unit) {
+    json array = json::array();
+    for (int axis = first; axis < first + 3; ++axis)
+      array.push_back(std::isfinite(shifts[axis]) ? json(shifts[axis] / unit) : json());
+    return array;
+  };
+  return {{"rotation_deg", three(0, radians_per_degree)}, {"translation_cm", three(3, 1 / cm_per_m)}};
+}
+
+json axes_json(const PairStatus& pair) {
+  json axes;
+  for (int axis = 0; axis < 6; ++axis) axes[std::string(axis_names[axis])] = axis_in_words(pair, axis);
+  return axes;
 }
 
 json record_json(const PairStatus::Record& record) {
@@ -64,6 +80,8 @@ json pair_json(const PairStatus& pair) {
               {"skipped", pair.skipped},
               {"score", nullptr},
               {"misalignment", nullptr},
+              {"axes", nullptr},
+              {"noticeable", pair.noticeable ? noticeable_json(*pair.noticeable) : json()},
               {"T_camera_lidar", transform_json(pair.T_camera_lidar)},
               {"proposed", nullptr},
               {"record", pair.record ? record_json(*pair.record) : json()},
@@ -72,7 +90,10 @@ json pair_json(const PairStatus& pair) {
     object["score"] = {{"current", pair.score->current},
                        {"best_neighbour", pair.score->best_neighbour},
                        {"baseline", or_null(pair.score->baseline)}};
-  if (pair.misalignment) object["misalignment"] = misalignment_json(*pair.misalignment);
+  if (pair.misalignment) {
+    object["misalignment"] = misalignment_json(*pair.misalignment);
+    object["axes"] = axes_json(pair);
+  }
   if (pair.proposed)
     object["proposed"] = {{"T_camera_lidar", transform_json(pair.proposed->T_camera_lidar)},
                           {"record_sequence", pair.proposed->record_sequence}};
@@ -108,6 +129,18 @@ PairStatus::Misalignment misalignment_from(const json& object) {
   return {six("rotation_deg", "translation_cm"), six("sigma_rotation_deg", "sigma_translation_cm")};
 }
 
+Vector6 noticeable_from(const json& object) {
+  Vector6 shifts;
+  const auto three = [&](const json& array, int first, double unit) {
+    if (!array.is_array() || array.size() != 3) throw std::invalid_argument("a list of 3 is needed");
+    for (int i = 0; i < 3; ++i)
+      shifts[first + i] = array[i].is_null() ? std::numeric_limits<double>::infinity() : array[i].get<double>() * unit;
+  };
+  three(object.at("rotation_deg"), 0, radians_per_degree);
+  three(object.at("translation_cm"), 3, 1 / cm_per_m);
+  return shifts;
+}
+
 PairStatus::Input input_from(const json& object) {
   return {object.at("topic").get<std::string>(), optional_from<double>(object.at("age_s"))};
 }
@@ -127,6 +160,9 @@ PairStatus pair_from(const json& object) {
                   optional_from<double>(score.at("baseline"))};
   if (const json& misalignment = object.at("misalignment"); !misalignment.is_null())
     pair.misalignment = misalignment_from(misalignment);
+  // Came later: a snapshot of an earlier calibd lacks it.
+  if (const auto shifts = object.find("noticeable"); shifts != object.end() && !shifts->is_null())
+    pair.noticeable = noticeable_from(*shifts);
   pair.T_camera_lidar = json_fields::transform_from(object.at("T_camera_lidar"));
   if (const json& proposed = object.at("proposed"); !proposed.is_null())
     pair.proposed = {json_fields::transform_from(proposed.at("T_camera_lidar")),
@@ -146,6 +182,12 @@ PairStatus pair_from(const json& object) {
 
 }  // namespace
 
+std::string axis_in_words(const PairStatus& pair, int axis) {
+  if (pair.noticeable && !std::isfinite((*pair.noticeable)[axis])) return "not observable";
+  return pair.misalignment ? motion_in_words(axis, pair.misalignment->delta[axis], pair.misalignment->sigma[axis])
+                           : "not known yet";
+}
+
 std::string_view to_string(Verdict verdict) {
   switch (verdict) {
     case Verdict::not_evaluated:
@@ -161,8 +203,7 @@ std::string_view to_string(Verdict verdict) {
 }
 
 Result<Verdict> parse_verdict(std::string_view text) {
-  const auto found =
-      std::ranges::find_if(verdicts, [&](Verdict verdict) { return to_string(verdict) == text; });
+  const auto found = std::ranges::find_if(verdicts, [&](Verdict verdict) { return to_string(verdict) == text; });
   if (found == verdicts.end()) return fail("bad_verdict", "'" + std::string(text) + "' is not a verdict");
   return *found;
 }
@@ -170,12 +211,11 @@ Result<Verdict> parse_verdict(std::string_view text) {
 json to_json(const Status& status) {
   json pairs = json::array();
   for (const PairStatus& pair : status.pairs) pairs.push_back(pair_json(pair));
-  return {
-      {"schema", 1},
-      {"vehicle", status.vehicle},
-      {"daemon", {{"running", status.running}, {"version", status.version}, {"uptime_s", status.uptime_s}}},
-      {"pairs", pairs},
-      {"feed", {{"queued", status.feed_queued}}}};
+  return {{"schema", 1},
+          {"vehicle", status.vehicle},
+          {"daemon", {{"running", status.running}, {"version", status.version}, {"uptime_s", status.uptime_s}}},
+          {"pairs", pairs},
+          {"feed", {{"queued", status.feed_queued}}}};
 }
 
 Result<Status> parse_status(const json& object) {
@@ -187,8 +227,7 @@ Result<Status> parse_status(const json& object) {
     status.running = daemon.at("running").get<bool>();
     status.version = daemon.at("version").get<std::string>();
     status.uptime_s = daemon.at("uptime_s").get<double>();
-    for (const json& pair : object.at("pairs").get_ref<const json::array_t&>())
-      status.pairs.push_back(pair_from(pair));
+    for (const json& pair : object.at("pairs").get_ref<const json::array_t&>()) status.pairs.push_back(pair_from(pair));
     status.feed_queued = object.at("feed").at("queued").get<std::uint64_t>();
     return status;
   } catch (const std::exception& error) {

@@ -45,8 +45,8 @@ def calibctl(bare, bin_dir):
     return bare
 
 
-def write_store(bin_dir, calibctl, verdict):
-    subprocess.run([bin_dir / "tests" / "write_store", calibctl.key, calibctl.folder, verdict], check=True)
+def write_store(bin_dir, calibctl, verdict, *more):
+    subprocess.run([bin_dir / "tests" / "write_store", calibctl.key, calibctl.folder, verdict, *more], check=True)
 
 
 @pytest.fixture(scope="session")

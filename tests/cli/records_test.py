@@ -7,7 +7,7 @@ import subprocess
 
 import pytest
 
-from conftest import DONE, FAILED, NO, NOT_FOUND, USAGE
+from conftest import DONE, FAILED, NO, NOT_FOUND, USAGE, write_store
 
 
 def tamper(calibctl, sql):
@@ -63,7 +63,7 @@ def test_show_says_the_signs_of_a_change_as_words(calibctl):
     shown = calibctl("show")
     assert shown.exit == DONE
     for words in ("Record          : 3, verified", "Roll            : 0.25 degrees left side down",
-                  "Pitch           : 0.00 degrees (", "Yaw             : 0.50 degrees to the left",
+                  "Pitch           : 0.00 degrees, sigma 0.06", "Yaw             : 0.50 degrees to the left",
                   "X               : 1.2 cm forward", "Z               : 3.4 cm down"):
         assert words in shown.out
     assert shown.out == calibctl("show", "3").out
@@ -93,6 +93,28 @@ def test_the_json_of_a_record_is_the_record(calibctl, schema, tmp_path):
         # The documented canonical form, by a program that shares nothing with ours.
         canonical = json.dumps(record, sort_keys=True, separators=(",", ":"), ensure_ascii=False).encode()
         assert canonical == (tmp_path / "out" / f"00000{sequence}.json").read_bytes()
+
+
+def test_a_baseline_is_shown_verified_and_no_change(bare, bin_dir, schema, tmp_path):
+    assert bare("keygen", "--out", bare.key).exit == DONE
+    write_store(bin_dir, bare, "calibrated", "baseline")
+    assert bare("verify").exit == DONE
+    shown = bare("show")
+    for words in ("Record          : 4, verified", "Decision        : baseline",
+                  "Baseline        : of 20 pairs, score 1.25000, sigma 0.06250",
+                  "Yaw             : slope 0.00873, sigma 0.03491, per degree; answers to a shift with 0.03046, sigma 0.00305",
+                  "X               : slope 0.00500, sigma 0.02000, per cm; answers to a shift with 0.01000, sigma 0.00100"):
+        assert words in shown.out, shown.out
+    assert "Change" not in shown.out
+    assert "front  baseline, asked by calibd: what is normal was learned" in bare("history").out
+    record = json.loads(bare("show", "--json", "--export", tmp_path / "out").out)
+    schema("record", record)
+    del record["baseline"]
+    with pytest.raises(Exception, match="baseline"):
+        schema("record", record)
+    # The extrinsic in force is still that of record 3.
+    status = json.loads(bare("status", "--json").out)
+    assert status["pairs"][0]["record"]["sequence"] == 3 and status["pairs"][0]["record"]["verified"] is True
 
 
 def test_an_exported_record_can_be_verified_with_minisign_and_sha256sum_alone(calibctl, tmp_path):

@@ -10,11 +10,14 @@ Octets seed() {
   record.pair = "front";
   record.sequence = 2;
   record.previous_sha256 = sha256_hex("");
-  record.decision = Decision::accepted;
-  record.reason = "held-back score rose";
+  record.decision = Decision::baseline;
+  record.reason = "learned from 20 pairs";
   record.asked_by = "calibd";
   record.sigma = Vector6::Constant(0.001);
   record.score = CalibrationRecord::Score{0.1, 0.2, 0.1, 0.2};
+  record.baseline.emplace();
+  record.baseline->pairs = 20;
+  record.baseline->slope_covariance.setIdentity();
   record.frame_stamps_ns = {1, 2, 3};
   record.configuration_sha256 = record.software_sha256 = sha256_hex("a");
   record.software_version = "0.1.0";

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cmath>
 #include <random>
 #include <string>
 #include <vector>
@@ -11,9 +12,8 @@ namespace calib::test {
 
 /// Text with everything in it that JSON, minisign or a terminal could stumble over; always UTF-8.
 inline std::string random_text(std::mt19937& random) {
-  static const std::vector<std::string> pieces{"front", " ",        "\"",   "\\", "\n", "\t",
-                                               "\x01",  "\x1b[31m", "\x7f", "/",  "\r", "ä",
-                                               "路",    "🚗",        "0",    ",",  "}",  ""};
+  static const std::vector<std::string> pieces{"front", " ",  "\"", "\\", "\n", "\t", "\x01", "\x1b[31m", "\x7f",
+                                               "/",     "\r", "ä",  "路", "🚗",  "0",  ",",    "}",        ""};
   std::string text;
   for (int i = static_cast<int>(random() % 6); i > 0; --i) text += pieces[random() % pieces.size()];
   return text;
@@ -41,6 +41,22 @@ inline RigidTransform random_transform(std::mt19937& random) {
   return perturbation(delta);
 }
 
+inline CalibrationRecord::Baseline random_baseline(std::mt19937& random) {
+  CalibrationRecord::Baseline baseline;
+  baseline.pairs = 2 + random() % 1000;
+  for (double& value : baseline.slope) value = random_number(random);
+  for (double& value : baseline.slope_correlation) value = random_number(random);
+  for (double& value : baseline.response.reshaped()) value = random_number(random);
+  for (double& value : baseline.response_deviation) value = std::abs(random_number(random));
+  for (int row = 0; row < 6; ++row)
+    for (int column = 0; column <= row; ++column)
+      baseline.slope_covariance(row, column) = baseline.slope_covariance(column, row) =
+          row == column ? std::abs(random_number(random)) : random_number(random);
+  baseline.score = random_number(random);
+  baseline.score_deviation = std::abs(random_number(random));
+  return baseline;
+}
+
 inline CalibrationRecord random_record(std::mt19937& random) {
   const auto vector6 = [&] {
     Vector6 values;
@@ -52,15 +68,16 @@ inline CalibrationRecord random_record(std::mt19937& random) {
   record.pair = random_text(random);
   record.sequence = 1 + random() % 1'000'000;
   record.previous_sha256 = sha256_hex(std::to_string(random()));
-  record.decision = static_cast<Decision>(random() % 5);
+  record.decision = static_cast<Decision>(random() % 6);
+  if (record.decision == Decision::baseline) record.baseline = random_baseline(random);
   record.reason = random_text(random);
   record.asked_by = random_text(random);
   record.T_camera_lidar = random_transform(random);
   record.T_camera_lidar_before = random_transform(random);
   if (random() % 2 == 0) record.sigma = vector6();
   if (random() % 2 == 0)
-    record.score = CalibrationRecord::Score{random_number(random), random_number(random),
-                                            random_number(random), random_number(random)};
+    record.score = CalibrationRecord::Score{random_number(random), random_number(random), random_number(random),
+                                            random_number(random)};
   for (int i = static_cast<int>(random() % 30); i > 0; --i)
     record.frame_stamps_ns.push_back(static_cast<std::int64_t>(random()) << 31);
   record.configuration_sha256 = sha256_hex("configuration");
@@ -73,17 +90,14 @@ inline CalibrationRecord random_record(std::mt19937& random) {
 }
 
 /// Signs `record` as the next one of a chain that ends with `chain.back()`.
-inline SignedRecord sign_next(CalibrationRecord record, const std::vector<SignedRecord>& chain,
-                              const SigningKey& key) {
+inline SignedRecord sign_next(CalibrationRecord record, const std::vector<SignedRecord>& chain, const SigningKey& key) {
   record.sequence = chain.size() + 1;
-  record.previous_sha256 =
-      chain.empty() ? std::string(no_previous_sha256) : sha256_hex(chain.back().canonical);
+  record.previous_sha256 = chain.empty() ? std::string(no_previous_sha256) : sha256_hex(chain.back().canonical);
   return require_ok(sign_record(record, key));
 }
 
 /// `count` random records, each following the one before it.
-inline std::vector<SignedRecord> random_chain(std::mt19937& random, std::size_t count,
-                                              const SigningKey& key) {
+inline std::vector<SignedRecord> random_chain(std::mt19937& random, std::size_t count, const SigningKey& key) {
   std::vector<SignedRecord> chain;
   while (chain.size() < count) chain.push_back(sign_next(random_record(random), chain, key));
   return chain;

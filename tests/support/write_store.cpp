@@ -1,8 +1,9 @@
-// write_store KEY FOLDER VERDICT: a store of three records (initial, rejected, accepted) signed with KEY, and
-// the snapshot that a daemon with that store would leave. For tests of programs that read; they are written
-// by the real library.
+// write_store KEY FOLDER VERDICT [baseline]: a store of three records (initial, rejected, accepted), and a fourth if
+// asked for, signed with KEY, and the snapshot that a daemon with that store would leave. For tests of programs that
+// read; they are written by the real library.
 #include <fstream>
 #include <iostream>
+#include <limits>
 #include <nlohmann/json.hpp>
 
 #include "calib/status.hpp"
@@ -17,8 +18,7 @@ namespace {
 constexpr std::chrono::nanoseconds first_decision = std::chrono::seconds(1'769'860'800);
 
 /// Would colour, overwrite and title a terminal that it reached raw.
-const std::string hostile =
-    "a gate said \x1b[31mno\x1b[0m\r\x1b]0;title\x07 \u009b2J\u202e \"quoted\" \\ \xc3\xa4";
+const std::string hostile = "a gate said \x1b[31mno\x1b[0m\r\x1b]0;title\x07 \u009b2J\u202e \"quoted\" \\ \xc3\xa4";
 
 CalibrationRecord next_record(const CalibrationRecord& before, Decision decision, const Vector6& knock) {
   CalibrationRecord record = before;
@@ -63,6 +63,23 @@ std::vector<CalibrationRecord> three_records() {
   return {first, rejected, accepted};
 }
 
+CalibrationRecord baseline_record(const CalibrationRecord& in_force) {
+  CalibrationRecord record = next_record(in_force, Decision::baseline, Vector6::Zero());
+  record.T_camera_lidar = record.T_camera_lidar_before = in_force.T_camera_lidar;
+  record.reason = "what is normal was learned from 20 pairs";
+  record.sigma.reset();
+  record.score.reset();
+  record.frame_stamps_ns.clear();
+  record.baseline = CalibrationRecord::Baseline{.pairs = 20,
+                                                .slope = Vector6::Constant(0.5),
+                                                .slope_covariance = 4 * Matrix6::Identity(),
+                                                .response = 100 * Matrix6::Identity(),
+                                                .response_deviation = Vector6::Constant(10),
+                                                .score = 1.25,
+                                                .score_deviation = 0.0625};
+  return record;
+}
+
 Status snapshot(const CalibrationRecord& in_force, const PublicKey& key, Verdict verdict) {
   PairStatus pair;
   pair.name = in_force.pair;
@@ -74,9 +91,11 @@ Status snapshot(const CalibrationRecord& in_force, const PublicKey& key, Verdict
   pair.skipped = {{"low_overlap", 3}, {"dark", 1}};
   pair.score = {0.5, 0.25, 0.5};
   pair.misalignment.emplace();
-  pair.misalignment->delta << 0.1 * radians_per_degree, -0.2 * radians_per_degree, 0.6 * radians_per_degree,
-      -0.01, 0.02, 0;
+  pair.misalignment->delta << 0.1 * radians_per_degree, -0.2 * radians_per_degree, 0.6 * radians_per_degree, -0.01,
+      0.02, 0;
   pair.misalignment->sigma.setConstant(0.001);
+  pair.noticeable.emplace(Vector6::Constant(0.002));
+  (*pair.noticeable)[3] = std::numeric_limits<double>::infinity();
   pair.T_camera_lidar = in_force.T_camera_lidar;
   pair.record = PairStatus::Record{in_force.sequence, key.id_text(), true, in_force.wall_time};
   pair.image = {"/camera/left/image", 0.25};
@@ -88,12 +107,15 @@ Status snapshot(const CalibrationRecord& in_force, const PublicKey& key, Verdict
 }  // namespace
 
 int main(int argc, char** argv) try {
-  if (argc != 4) throw std::runtime_error("usage: write_store KEY FOLDER VERDICT");
+  const bool with_baseline = argc == 5 && std::string_view(argv[4]) == "baseline";
+  if (argc != 4 && !with_baseline) throw std::runtime_error("usage: write_store KEY FOLDER VERDICT [baseline]");
   const SigningKey key = require_ok(SigningKey::load(argv[1]));
   const std::filesystem::path folder = argv[2];
   Store store = require_ok(Store::open(folder / "calibd.db", Store::Mode::read_write));
   std::string previous_sha256(no_previous_sha256);
-  const auto records = three_records();
+  auto records = three_records();
+  const CalibrationRecord in_force = records.back();
+  if (with_baseline) records.push_back(baseline_record(in_force));
   for (CalibrationRecord record : records) {
     record.previous_sha256 = previous_sha256;
     const SignedRecord bytes = require_ok(sign_record(record, key));
@@ -101,8 +123,7 @@ int main(int argc, char** argv) try {
     previous_sha256 = sha256_hex(bytes.canonical);
   }
   std::ofstream(folder / "status.json")
-      << to_json(snapshot(records.back(), key.public_key(), require_ok(parse_verdict(argv[3])))).dump()
-      << '\n';
+      << to_json(snapshot(in_force, key.public_key(), require_ok(parse_verdict(argv[3])))).dump() << '\n';
   return 0;
 } catch (const std::exception& error) {
   std::cerr << "write_store: " << error.what() << '\n';

@@ -19,7 +19,7 @@ std::string replaced(std::string text, const std::string& what, const std::strin
   return text.replace(at, what.size(), with);
 }
 
-/// A record with every field given, numbers short.
+/// A record with every field given but the baseline, numbers short.
 CalibrationRecord full_record() {
   CalibrationRecord record;
   record.vehicle = "demo-car";
@@ -41,9 +41,23 @@ CalibrationRecord full_record() {
   return record;
 }
 
+CalibrationRecord baseline_record() {
+  CalibrationRecord record = full_record();
+  record.decision = Decision::baseline;
+  record.baseline = CalibrationRecord::Baseline{.pairs = 20,
+                                                .slope = Vector6::Constant(-0.5),
+                                                .slope_covariance = 2 * Matrix6::Identity(),
+                                                .slope_correlation = Vector6::Constant(0.25),
+                                                .response = 8 * Matrix6::Identity(),
+                                                .response_deviation = Vector6::Constant(1.5),
+                                                .score = 1.25,
+                                                .score_deviation = 0.125};
+  record.baseline->response(0, 1) = 3;  // not symmetric
+  return record;
+}
+
 bool verifies(const SignedRecord& record, const PublicKey& key, const std::vector<SignedRecord>& before) {
-  const std::string previous =
-      before.empty() ? std::string(no_previous_sha256) : sha256_hex(before.back().canonical);
+  const std::string previous = before.empty() ? std::string(no_previous_sha256) : sha256_hex(before.back().canonical);
   return verify_record(record, key, previous, before.size() + 1).has_value();
 }
 
@@ -76,6 +90,44 @@ TEST_CASE("the canonical bytes of a record are the documented ones") {
   // clang-format on
 }
 
+TEST_CASE("a baseline is a field of its record alone, matrices by rows") {
+  const std::string six = "[-0.5,-0.5,-0.5,-0.5,-0.5,-0.5]";
+  const std::string text = canonical_bytes(baseline_record());
+  CHECK_THAT(text,
+             ContainsSubstring(R"("asked_by":"calibd","baseline":{"pairs":20,"response":[[8.0,3.0,0.0,0.0,0.0,0.0],)"
+                               R"([0.0,8.0,0.0,0.0,0.0,0.0],)"));
+  CHECK_THAT(text, ContainsSubstring(R"("score":1.25,"score_deviation":0.125,"slope":)" + six +
+                                     R"(,"slope_correlation":[0.25,)"));
+  CHECK_THAT(text, ContainsSubstring(R"("decision":"baseline")"));
+  const CalibrationRecord read = require_ok(parse_record(text));
+  CHECK(read.baseline->response(0, 1) == 3);
+  CHECK(read.baseline->response(1, 0) == 0);
+  for (const std::string& bad : {
+           replaced(text, R"("decision":"baseline")", R"("decision":"accepted")"),
+           replaced(text, R"("pairs":20)", R"("pairs":1)"),
+           replaced(text, R"("pairs":20)", R"("pairs":20.0)"),
+           replaced(text, R"("pairs":20,)", ""),
+           replaced(text, R"("pairs":20)", R"("pairs":20,"q":1)"),
+           replaced(text, R"([[8.0,3.0,)", R"([[8.0,3,)"),
+           replaced(text, R"([[8.0,3.0,)", R"([[8.0,)"),
+           replaced(text, R"("response":[[8.0,3.0,0.0,0.0,0.0,0.0],)", R"("response":[)"),
+           replaced(text, R"("slope_covariance":[[2.0,0.0)", R"("slope_covariance":[[2.0,1.0)"),
+           replaced(text, R"("slope_covariance":[[2.0)", R"("slope_covariance":[[-2.0)"),
+           replaced(text, R"("score_deviation":0.125)", R"("score_deviation":-0.125)"),
+           replaced(canonical_bytes(full_record()), R"("decision":"accepted")", R"("decision":"baseline")"),
+       }) {
+    INFO(bad);
+    CHECK_FALSE(parse_record(bad));
+  }
+}
+
+TEST_CASE("what puts an extrinsic in force") {
+  for (const Decision decision : {Decision::initial, Decision::accepted, Decision::rolled_back})
+    CHECK(puts_in_force(decision));
+  for (const Decision decision : {Decision::proposed, Decision::rejected, Decision::baseline})
+    CHECK_FALSE(puts_in_force(decision));
+}
+
 TEST_CASE("any record comes back from its canonical bytes") {
   std::mt19937 random(1);
   for (int i = 0; i < 5'000; ++i) {
@@ -99,6 +151,17 @@ TEST_CASE("any record comes back from its canonical bytes") {
       CHECK(read.score->after == record.score->after);
       CHECK(read.score->held_back_before == record.score->held_back_before);
       CHECK(read.score->held_back_after == record.score->held_back_after);
+    }
+    REQUIRE(read.baseline.has_value() == (record.decision == Decision::baseline));
+    if (record.baseline) {
+      CHECK(read.baseline->pairs == record.baseline->pairs);
+      CHECK(read.baseline->slope == record.baseline->slope);
+      CHECK(read.baseline->slope_covariance == record.baseline->slope_covariance);
+      CHECK(read.baseline->slope_correlation == record.baseline->slope_correlation);
+      CHECK(read.baseline->response == record.baseline->response);
+      CHECK(read.baseline->response_deviation == record.baseline->response_deviation);
+      CHECK(read.baseline->score == record.baseline->score);
+      CHECK(read.baseline->score_deviation == record.baseline->score_deviation);
     }
     CHECK(read.frame_stamps_ns == record.frame_stamps_ns);
     CHECK(read.configuration_sha256 == record.configuration_sha256);
@@ -175,6 +238,12 @@ TEST_CASE("a record that could not be read back is not signed") {
   CHECK(refused([](auto& r) { (*r.sigma)[5] = std::numeric_limits<double>::infinity(); }));
   CHECK(refused([](auto& r) { r.T_camera_lidar.translation().x() = std::nan(""); }));
   CHECK(refused([](auto& r) { r.sequence = 0; }));
+  CHECK(refused([](auto& r) { r.decision = Decision::baseline; }));
+  CHECK(refused([](auto& r) { r.baseline = baseline_record().baseline; }));
+  CHECK(refused([](auto& r) {
+    r = baseline_record();
+    r.baseline->response(3, 4) = std::nan("");
+  }));
   CHECK(refused([](auto& r) { r.previous_sha256.clear(); }));
   CHECK(refused([](auto& r) { r.software_sha256 = "unknown"; }));
   CHECK_FALSE(refused([](auto& r) { r.reason = "not \xff UTF-8"; }));
@@ -230,8 +299,8 @@ TEST_CASE("a chain breaks where a record is removed, moved, replaced or inserted
     CHECK(verified_length(repeated, public_key) == i + 1);
     // Validly signed, with the right number and predecessor: the record after it gives it away.
     auto replaced_one = chain;
-    replaced_one[i] = sign_next(random_record(random),
-                                {chain.begin(), chain.begin() + static_cast<std::ptrdiff_t>(i)}, key);
+    replaced_one[i] =
+        sign_next(random_record(random), {chain.begin(), chain.begin() + static_cast<std::ptrdiff_t>(i)}, key);
     CHECK(verified_length(replaced_one, public_key) == i + 1);
   }
 }
@@ -245,17 +314,15 @@ TEST_CASE("a record of another key, or with another's signature, does not verify
   CHECK(verified.error().code == "wrong_key");
   CHECK_THAT(verified.error().context, ContainsSubstring(key.public_key().id_text()));
   const SignedRecord another = sign_next(random_record(random), {}, key);
-  CHECK(verify_record({record.canonical, another.signature}, key.public_key(), no_previous_sha256, 1)
-            .error()
-            .code == "bad_signature");
+  CHECK(verify_record({record.canonical, another.signature}, key.public_key(), no_previous_sha256, 1).error().code ==
+        "bad_signature");
 }
 
 TEST_CASE("signing a record twice gives the same file, which names it") {
   const SigningKey key = SigningKey::generate();
   const SignedRecord once = require_ok(sign_record(full_record(), key));
   CHECK(once.signature == require_ok(sign_record(full_record(), key)).signature);
-  CHECK_THAT(once.signature,
-             ContainsSubstring("\ntrusted comment: timestamp:1769860800\tfile:000007.json\thashed\n"));
+  CHECK_THAT(once.signature, ContainsSubstring("\ntrusted comment: timestamp:1769860800\tfile:000007.json\thashed\n"));
   CHECK(record_file_name(12'345'678) == "12345678.json");
 }
 

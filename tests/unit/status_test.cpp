@@ -1,5 +1,6 @@
 #include "calib/status.hpp"
 
+#include <limits>
 #include <nlohmann/json.hpp>
 
 #include "support/catch.hpp"
@@ -30,9 +31,13 @@ PairStatus random_pair(std::mt19937& random) {
   if (maybe()) pair.last_evaluated = random_time(random);
   pair.evaluated = random();
   for (int i = static_cast<int>(random() % 4); i > 0; --i) pair.skipped[random_text(random)] = random();
-  if (maybe())
-    pair.score = {unit(random), unit(random), maybe() ? std::optional(unit(random)) : std::nullopt};
+  if (maybe()) pair.score = {unit(random), unit(random), maybe() ? std::optional(unit(random)) : std::nullopt};
   if (maybe()) pair.misalignment = PairStatus::Misalignment{vector6(), vector6()};
+  if (maybe()) {
+    pair.noticeable = vector6().cwiseAbs();
+    for (double& shift : *pair.noticeable)
+      if (maybe()) shift = std::numeric_limits<double>::infinity();
+  }
   pair.T_camera_lidar = random_transform(random);
   if (maybe()) pair.proposed = PairStatus::Proposed{random_transform(random), random()};
   if (maybe()) pair.record = PairStatus::Record{random(), random_text(random), maybe(), random_time(random)};
@@ -43,13 +48,13 @@ PairStatus random_pair(std::mt19937& random) {
   pair.cloud = input();
   if (maybe()) pair.right_image = input();
   if (maybe()) pair.depth = input();
+  if (maybe()) pair.motion = input();
   if (maybe()) pair.time_difference_ms = unit(random);
   return pair;
 }
 
 Status random_status(std::mt19937& random) {
-  Status status{
-      random_text(random), random() % 2 == 0, "1.2.3", 0.5 * static_cast<double>(random()), {}, random()};
+  Status status{random_text(random), random() % 2 == 0, "1.2.3", 0.5 * static_cast<double>(random()), {}, random()};
   for (int i = static_cast<int>(random() % 4); i > 0; --i) status.pairs.push_back(random_pair(random));
   return status;
 }
@@ -99,11 +104,36 @@ TEST_CASE("angles are in degrees and the ways of a misalignment in centimetres")
   CHECK(pair["T_camera_lidar"]["quaternion_xyzw"] == json{0.0, 0.0, 0.0, 1.0});
 }
 
+TEST_CASE("each axis says in words how far the LiDAR went, how sure that is, and whether it would show at all") {
+  Status status;
+  PairStatus& pair = status.pairs.emplace_back();
+  pair.misalignment.emplace();
+  pair.misalignment->delta << -0.25 * radians_per_degree, 0, 0.62 * radians_per_degree, 0.031, -0.02, 0.0004;
+  pair.misalignment->sigma << Eigen::Vector3d::Constant(0.05 * radians_per_degree), Eigen::Vector3d::Constant(0.012);
+  pair.noticeable.emplace(Vector6::Constant(0.002));
+  (*pair.noticeable)[4] = std::numeric_limits<double>::infinity();
+  const json shown = to_json(status)["pairs"][0];
+  CHECK(shown["axes"]["roll"] == "0.25 degrees left side down, sigma 0.05");
+  CHECK(shown["axes"]["pitch"] == "0.00 degrees, sigma 0.05");
+  CHECK(shown["axes"]["yaw"] == "0.62 degrees to the left, sigma 0.05");
+  CHECK(shown["axes"]["x"] == "3.1 cm forward, sigma 1.2");
+  CHECK(shown["axes"]["y"] == "not observable");
+  CHECK(shown["axes"]["z"] == "0.0 cm, sigma 1.2");
+  CHECK(shown["noticeable"]["rotation_deg"][0].get<double>() == Approx(0.002 / radians_per_degree));
+  CHECK(shown["noticeable"]["translation_cm"][0].get<double>() == Approx(0.2));
+  CHECK(shown["noticeable"]["translation_cm"][1].is_null());
+  // A snapshot of a calibd that did not say so yet.
+  json earlier = to_json(status);
+  earlier["pairs"][0].erase("noticeable");
+  earlier["pairs"][0].erase("axes");
+  CHECK_FALSE(require_ok(parse_status(earlier)).pairs[0].noticeable);
+}
+
 TEST_CASE("what is not known is null, never zero") {
   Status status;
   status.pairs.emplace_back();
   const json pair = to_json(status)["pairs"][0];
-  for (const char* field : {"last_evaluated", "score", "misalignment", "proposed", "record"}) {
+  for (const char* field : {"last_evaluated", "score", "misalignment", "axes", "noticeable", "proposed", "record"}) {
     INFO(field);
     CHECK(pair.at(field).is_null());
   }
@@ -135,12 +165,12 @@ TEST_CASE("a status with anything missing or of another kind is refused") {
     return !read && read.error().code == "malformed_status";
   };
   CHECK_FALSE(refused(good));
-  for (const json& sent : {json(), json(1), json::array(), json::object(), json("text")})
-    CHECK(refused(sent));
+  for (const json& sent : {json(), json(1), json::array(), json::object(), json("text")}) CHECK(refused(sent));
   const json fields = good.flatten();
   for (const auto& [path, value] : fields.items()) {
     if (path.find("right_image") != std::string::npos || path.find("/depth") != std::string::npos ||
-        path.find("/skipped/") != std::string::npos)
+        path.find("/motion") != std::string::npos || path.find("/skipped/") != std::string::npos || path.find("/axes") != std::string::npos ||
+        path.find("/noticeable") != std::string::npos)
       continue;
     INFO(path);
     const json::json_pointer pointer(path);
@@ -156,8 +186,7 @@ TEST_CASE("a status with anything missing or of another kind is refused") {
 }
 
 TEST_CASE("every verdict has a word, and every word its verdict") {
-  for (const Verdict verdict :
-       {Verdict::not_evaluated, Verdict::calibrated, Verdict::suspect, Verdict::drifted})
+  for (const Verdict verdict : {Verdict::not_evaluated, Verdict::calibrated, Verdict::suspect, Verdict::drifted})
     CHECK(require_ok(parse_verdict(to_string(verdict))) == verdict);
   for (const char* text : {"", "Calibrated", "ok", "calibrated "}) CHECK_FALSE(parse_verdict(text));
 }
@@ -176,12 +205,11 @@ TEST_CASE("times are written and read as RFC 3339") {
     const WallTime time(static_cast<std::int64_t>(random()) / 1'000 * 995);
     CHECK(require_ok(parse_rfc3339(rfc3339_ns(time))) == time);
   }
-  for (const char* text :
-       {"", "Z", "2026-01-31", "2026-01-31T12:00:00", "2026-01-31 12:00:00Z", "2026-02-30T12:00:00Z",
-        "2026-01-31T24:00:00Z", "2026-01-31T12:60:00Z", "2026-01-31T12:00:61Z", "2026-01-31T12:00:00.Z",
-        "2026-01-31T12:00:00.1234567890Z", "2026-01-31T12:00:00,5Z", "2026-01-31T12:00:00+00:00",
-        "0000-01-31T12:00:00Z", "9999-01-31T12:00:00Z", "2026-01-31T12:00:-1Z", "2026-01-31T12:00:00.-5Z",
-        "2026-01-31T12:00: 0Z"}) {
+  for (const char* text : {"", "Z", "2026-01-31", "2026-01-31T12:00:00", "2026-01-31 12:00:00Z", "2026-02-30T12:00:00Z",
+                           "2026-01-31T24:00:00Z", "2026-01-31T12:60:00Z", "2026-01-31T12:00:61Z",
+                           "2026-01-31T12:00:00.Z", "2026-01-31T12:00:00.1234567890Z", "2026-01-31T12:00:00,5Z",
+                           "2026-01-31T12:00:00+00:00", "0000-01-31T12:00:00Z", "9999-01-31T12:00:00Z",
+                           "2026-01-31T12:00:-1Z", "2026-01-31T12:00:00.-5Z", "2026-01-31T12:00: 0Z"}) {
     INFO(text);
     CHECK_FALSE(parse_rfc3339(text));
   }

@@ -43,7 +43,7 @@ RecordCheck check(const PairStatus& pair, const VerifiedRecords& verified) {
   const CalibrationRecord& record = found->second;
   if (record.pair != pair.name)
     return {true, false, "record " + std::to_string(sequence) + " is of pair " + record.pair};
-  if (record.decision == Decision::rejected || record.decision == Decision::proposed)
+  if (!puts_in_force(record.decision))
     return {true, false,
             "record " + std::to_string(sequence) + " puts nothing in force: it is " +
                 std::string(to_string(record.decision))};

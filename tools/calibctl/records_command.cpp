@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cmath>
 #include <fstream>
 #include <iostream>
 #include <nlohmann/json.hpp>
@@ -31,10 +32,9 @@ Result<Chain> read_chain(const Places& places) {
   const auto stored = store->record_count();
   if (!stored) return tl::unexpected(stored.error());
   Chain chain{*key, {}, *stored, std::nullopt};
-  const auto all =
-      visit_verified(*store, *key, [&](const CalibrationRecord& record, const SignedRecord& bytes) {
-        chain.verified.push_back({record, bytes});
-      });
+  const auto all = visit_verified(*store, *key, [&](const CalibrationRecord& record, const SignedRecord& bytes) {
+    chain.verified.push_back({record, bytes});
+  });
   if (!all && all.error().code == "store_failed") return tl::unexpected(all.error());
   if (!all) chain.broken = all.error();
   if (chain.stored == 0) return fail("record_not_found", "the store holds no records yet");
@@ -48,13 +48,28 @@ RigidTransform change(const CalibrationRecord& record) {
 std::string history_line(const CalibrationRecord& record) {
   std::string number = std::to_string(record.sequence);
   if (number.size() < 6) number.insert(0, 6 - number.size(), ' ');
+  const bool changed = record.decision != Decision::baseline;
   return number + "  " + rfc3339(record.wall_time) + "  " + record.pair + "  " +
-         std::string(to_string(record.decision)) + ", changed by " + how_far(change(record)) + ", asked by " +
-         record.asked_by + ": " + record.reason;
+         std::string(to_string(record.decision)) + (changed ? ", changed by " + how_far(change(record)) : "") +
+         ", asked by " + record.asked_by + ": " + record.reason;
 }
 
 std::string score_words(double before, double after) {
   return decimals(before, 5) + " before, " + decimals(after, 5) + " after";
+}
+
+/// Per axis, in degrees and cm: how the slope lies and scatters, and what a shift does to it.
+void baseline_lines(Text& text, const CalibrationRecord::Baseline& baseline) {
+  text.line("Baseline", "of " + counted(baseline.pairs, "pair") + ", score " + decimals(baseline.score, 5) +
+                            ", sigma " + decimals(baseline.score_deviation, 5));
+  for (int axis = 0; axis < 6; ++axis) {
+    const double unit = axis < 3 ? radians_per_degree : 0.01;
+    text.line(axis_label(axis), "slope " + decimals(baseline.slope[axis] * unit, 5) + ", sigma " +
+                                    decimals(std::sqrt(baseline.slope_covariance(axis, axis)) * unit, 5) + ", per " +
+                                    (axis < 3 ? "degree" : "cm") + "; answers to a shift with " +
+                                    decimals(baseline.response(axis, axis) * unit * unit, 5) + ", sigma " +
+                                    decimals(baseline.response_deviation[axis] * unit * unit, 5));
+  }
 }
 
 std::string record_text(const CalibrationRecord& record, const PublicKey& key) {
@@ -66,13 +81,17 @@ std::string record_text(const CalibrationRecord& record, const PublicKey& key) {
   text.line("Reason", record.reason);
   text.line("Asked by", record.asked_by);
   text.line("Decided", rfc3339(record.wall_time));
-  text.line("", decimals(std::chrono::duration<double>(record.boot_time).count(), 3) + " s after boot " +
-                    record.boot_id);
+  text.line("",
+            decimals(std::chrono::duration<double>(record.boot_time).count(), 3) + " s after boot " + record.boot_id);
   text.transform("Extrinsic", record.T_camera_lidar);
-  text.transform("Before", record.T_camera_lidar_before);
-  text.line("Change", how_far(change(record)));
-  const Vector6 moved = perturbation_parameters(change(record));
-  text.motion(moved, record.sigma ? &*record.sigma : nullptr);
+  if (record.baseline) {
+    baseline_lines(text, *record.baseline);
+  } else {
+    text.transform("Before", record.T_camera_lidar_before);
+    text.line("Change", how_far(change(record)));
+    const Vector6 moved = perturbation_parameters(change(record));
+    text.motion(moved, record.sigma ? &*record.sigma : nullptr);
+  }
   if (record.score) {
     text.line("Score", score_words(record.score->before, record.score->after));
     text.line("Held back", score_words(record.score->held_back_before, record.score->held_back_after));
@@ -117,10 +136,8 @@ Result<VerifiedRecord> read_exported(const std::filesystem::path& file, const Pu
   if (!canonical) return tl::unexpected(canonical.error());
   const auto signature = read_text_file(file.string() + ".minisig");
   if (!signature) return tl::unexpected(signature.error());
-  const auto record =
-      verify_signature(*canonical, *signature, key).and_then([&] { return parse_record(*canonical); });
-  if (!record)
-    return fail(record.error().code, file.string() + " does not verify: " + record.error().context);
+  const auto record = verify_signature(*canonical, *signature, key).and_then([&] { return parse_record(*canonical); });
+  if (!record) return fail(record.error().code, file.string() + " does not verify: " + record.error().context);
   return VerifiedRecord{*record, {*canonical, *signature}};
 }
 
@@ -146,9 +163,9 @@ Exit verify_files(const std::vector<std::filesystem::path>& files, const PublicK
       return complain({"broken_chain", "records " + numbers + " are signed, but do not follow each other"});
     ++links;
   }
-  std::cout << counted(records.size(), "record") << " verified, key " << key.id_text() << "; "
-            << counted(links, "link") << " between them checked"
-            << (links + 1 < records.size() ? ", the others are not among these files" : "") << '\n';
+  std::cout << counted(records.size(), "record") << " verified, key " << key.id_text() << "; " << counted(links, "link")
+            << " between them checked" << (links + 1 < records.size() ? ", the others are not among these files" : "")
+            << '\n';
   return Exit::done;
 }
 
@@ -182,8 +199,7 @@ Exit show(const Places& places, const ShowOptions& options) {
   if (sequence > chain->verified.size()) return complain(*chain->broken);
   const VerifiedRecord& shown = chain->verified[sequence - 1];
   if (!options.export_to.empty()) {
-    if (const auto exported = export_record(shown, options.export_to); !exported)
-      return complain(exported.error());
+    if (const auto exported = export_record(shown, options.export_to); !exported) return complain(exported.error());
   }
   if (options.json)
     std::cout << nlohmann::json::parse(shown.bytes.canonical).dump(2, ' ', /*ensure_ascii=*/true) << '\n';
@@ -200,8 +216,7 @@ Exit verify(const Places& places, const std::vector<std::filesystem::path>& file
   const auto chain = read_chain(places);
   if (!chain) return complain(chain.error());
   if (chain->broken) return complain(*chain->broken);
-  std::cout << counted(chain->stored, "record") << " verified, key " << chain->key.id_text()
-            << "; chain unbroken\n";
+  std::cout << counted(chain->stored, "record") << " verified, key " << chain->key.id_text() << "; chain unbroken\n";
   return Exit::done;
 }
 

@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "calib/axis_words.hpp"
 #include "text.hpp"
 
 namespace calib::ctl {
@@ -31,9 +32,7 @@ std::string duration(double seconds) {
   return decimals(seconds / 86400, 1) + " days";
 }
 
-double seconds_between(WallTime from, WallTime to) {
-  return std::chrono::duration<double>(to - from).count();
-}
+double seconds_between(WallTime from, WallTime to) { return std::chrono::duration<double>(to - from).count(); }
 
 std::string skipped_words(const PairStatus& pair) {
   std::uint64_t total = 0;
@@ -50,8 +49,7 @@ void input_line(Text& text, std::string_view label, const PairStatus::Input& inp
 }
 
 void record_line(Text& text, const PairStatus::Record& record, const RecordCheck& check) {
-  std::string value =
-      std::to_string(record.sequence) + " of " + rfc3339(record.created) + ", key " + record.key_id;
+  std::string value = std::to_string(record.sequence) + " of " + rfc3339(record.created) + ", key " + record.key_id;
   if (check.checked)
     value += check.verified ? ", verified" : ", NOT VERIFIED: " + check.words;
   else
@@ -68,23 +66,26 @@ void pair_lines(Text& text, const PairStatus& pair, const RecordCheck& check, Wa
   text.line(
       "Evaluated",
       counted(pair.evaluated, "pair") +
-          (pair.last_evaluated ? ", the last " + duration(seconds_between(*pair.last_evaluated, now)) + " ago"
-                               : ""));
+          (pair.last_evaluated ? ", the last " + duration(seconds_between(*pair.last_evaluated, now)) + " ago" : ""));
   text.line("Skipped", skipped_words(pair));
   if (pair.score)
     text.line("Score", decimals(pair.score->current, 5) + " (best neighbour " +
                            decimals(pair.score->best_neighbour, 5) +
-                           (pair.score->baseline ? ", baseline " + decimals(*pair.score->baseline, 5) : "") +
-                           ")");
+                           (pair.score->baseline ? ", baseline " + decimals(*pair.score->baseline, 5) : "") + ")");
   if (pair.misalignment) {
     text.line("LiDAR has moved", "");
-    text.motion(pair.misalignment->delta, &pair.misalignment->sigma);
+    for (int axis = 0; axis < 6; ++axis) {
+      std::string words = axis_in_words(pair, axis);
+      if (pair.noticeable && std::isfinite((*pair.noticeable)[axis]))
+        words += "; noticed from " + amount_in_words(axis, (*pair.noticeable)[axis]);
+      text.line(axis_label(axis), words);
+    }
   }
   text.transform("Extrinsic", pair.T_camera_lidar);
   if (pair.proposed) {
     text.transform("Proposed", pair.proposed->T_camera_lidar);
-    text.line("", "record " + std::to_string(pair.proposed->record_sequence) +
-                      ", in force after: calibctl accept " + pair.name);
+    text.line("", "record " + std::to_string(pair.proposed->record_sequence) + ", in force after: calibctl accept " +
+                      pair.name);
   }
   if (pair.record)
     record_line(text, *pair.record, check);
@@ -107,8 +108,7 @@ std::string status_text(const Status& status, const std::vector<RecordCheck>& ch
   Text text(coloured);
   text.line("Vehicle", status.vehicle);
   if (snapshot_age_s)
-    text.line("Daemon", "NOT RUNNING; this is its last snapshot, " + duration(*snapshot_age_s) + " old",
-              Colour::red);
+    text.line("Daemon", "NOT RUNNING; this is its last snapshot, " + duration(*snapshot_age_s) + " old", Colour::red);
   else
     text.line("Daemon", "running for " + duration(status.uptime_s) + ", version " + status.version);
   text.line("Alerts waiting", std::to_string(status.feed_queued));

@@ -4,29 +4,17 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 
+#include "calib/axis_words.hpp"
 #include "calib/result.hpp"
 
 namespace calib::ctl {
 namespace {
 
 constexpr std::size_t label_width = 16;
-
-/// A LiDAR's axes are x forward, y left, z up, so by the right hand a positive roll lowers the right side, a
-/// positive pitch the nose, and a positive yaw turns to the left.
-struct AxisWords {
-  std::string_view label, positive, negative;
-};
-constexpr std::array<AxisWords, 6> axis_words{{{"Roll", "right side down", "left side down"},
-                                               {"Pitch", "nose down", "nose up"},
-                                               {"Yaw", "to the left", "to the right"},
-                                               {"X", "forward", "back"},
-                                               {"Y", "to the left", "to the right"},
-                                               {"Z", "up", "down"}}};
 
 std::string_view escape_sequence(Colour colour) {
   switch (colour) {
@@ -54,8 +42,8 @@ std::string listed(const std::array<double, N>& values) {
 bool terminal_has_colours() {
   const char* const no_colour = std::getenv("NO_COLOR");
   const char* const terminal = std::getenv("TERM");
-  return ::isatty(STDOUT_FILENO) == 1 && (no_colour == nullptr || *no_colour == '\0') &&
-         terminal != nullptr && std::string_view(terminal) != "dumb";
+  return ::isatty(STDOUT_FILENO) == 1 && (no_colour == nullptr || *no_colour == '\0') && terminal != nullptr &&
+         std::string_view(terminal) != "dumb";
 }
 
 void Text::line(std::string_view label, std::string_view value, Colour colour) {
@@ -68,22 +56,20 @@ void Text::line(std::string_view label, std::string_view value, Colour colour) {
 }
 
 void Text::motion(const Vector6& delta, const Vector6* sigma) {
-  for (int i = 0; i < 6; ++i) {
-    const bool is_angle = i < 3;
-    const int places = is_angle ? 2 : 1;
-    const double scale = is_angle ? 1 / radians_per_degree : 100;
-    const std::string amount = decimals(std::abs(delta[i]) * scale, places);
-    const bool is_zero = amount.find_first_of("123456789") == std::string::npos;
-    std::string value = amount + (is_angle ? " degrees" : " cm");
-    if (!is_zero) value.append(" ").append(delta[i] > 0 ? axis_words[i].positive : axis_words[i].negative);
-    if (sigma != nullptr) value += " (+/- " + decimals((*sigma)[i] * scale, places) + ")";
-    line(axis_words[i].label, value);
-  }
+  for (int axis = 0; axis < 6; ++axis)
+    line(axis_label(axis),
+         motion_in_words(axis, delta[axis], sigma == nullptr ? std::nullopt : std::optional((*sigma)[axis])));
 }
 
 void Text::transform(std::string_view label, const RigidTransform& transform) {
   line(label, "translation " + listed(translation_m(transform)) + " m");
   line("", "quaternion x y z w " + listed(quaternion_xyzw(transform)));
+}
+
+std::string axis_label(int axis) {
+  std::string label(axis_names[static_cast<std::size_t>(axis)]);
+  label[0] = static_cast<char>(label[0] - 'a' + 'A');
+  return label;
 }
 
 std::string decimals(double value, int places) {

@@ -32,6 +32,8 @@ class Text {
   std::string text_;
 };
 
+/// `Roll`, `Pitch`, `Yaw`, `X`, `Y`, `Z`.
+[[nodiscard]] std::string axis_label(int axis);
 [[nodiscard]] std::string decimals(double value, int places);
 /// `1.02 degrees and 3.1 cm`.
 [[nodiscard]] std::string how_far(const RigidTransform& motion);

@@ -22,6 +22,7 @@ enum class Decision {
   proposed,     // computed, passed the gates, waiting for `calibctl accept`
   rejected,     // computed, a gate said no; the extrinsic before it stays in force
   rolled_back,  // an earlier record's extrinsic, in force again
+  baseline,     // what is normal at the extrinsic in force was learned; that extrinsic stays in force
 };
 
 /// One signed decision about a pair's extrinsic. The text of the format is proto/record.md.
@@ -37,7 +38,8 @@ struct CalibrationRecord {
   std::string reason;
   /// `calibd`, `configuration` or `uid:<number>` of the person at the control socket.
   std::string asked_by;
-  /// The extrinsic that this record is about: in force after it, unless proposed or rejected.
+  /// The extrinsic that this record is about: in force after it, unless proposed or rejected. Of a baseline, in force
+  /// before it too.
   RigidTransform T_camera_lidar = RigidTransform::Identity();
   /// The extrinsic in force when the decision was taken.
   RigidTransform T_camera_lidar_before = RigidTransform::Identity();
@@ -49,6 +51,21 @@ struct CalibrationRecord {
     double held_back_before = 0, held_back_after = 0;
   };
   std::optional<Score> score;
+  /// What is normal at the extrinsic, as good pairs taught it: what every later verdict is relative to. Of decision
+  /// `baseline`, and of no other.
+  struct Baseline {
+    std::uint64_t pairs = 0;
+    /// Slope of the score at the extrinsic, per rad and m along the LiDAR's axes: mean, and covariance between pairs.
+    Vector6 slope = Vector6::Zero();
+    Matrix6 slope_covariance = Matrix6::Zero();
+    Vector6 slope_correlation = Vector6::Zero();  // of one pair's with the next one's
+    /// How the slopes (rows) answer to a LiDAR that moves along each axis (columns), per rad and m: mean, and standard
+    /// deviation of its diagonal between pairs.
+    Matrix6 response = Matrix6::Zero();
+    Vector6 response_deviation = Vector6::Zero();
+    double score = 0, score_deviation = 0;
+  };
+  std::optional<Baseline> baseline;
   /// Sensor time stamps (nanoseconds) of the images used, fit and held back.
   std::vector<std::int64_t> frame_stamps_ns;
   /// SHA-256 (lower-case hex) of the configuration file's bytes and of the program's file.
@@ -62,6 +79,8 @@ struct CalibrationRecord {
 };
 
 [[nodiscard]] std::string_view to_string(Decision decision);
+/// Whether such a record's extrinsic is in force from then on: `initial`, `accepted` and `rolled_back`.
+[[nodiscard]] bool puts_in_force(Decision decision);
 
 /// `{"translation_m":[x,y,z],"quaternion_xyzw":[x,y,z,w]}`, the one form of a transform in every JSON text.
 [[nodiscard]] nlohmann::json transform_json(const RigidTransform& transform);

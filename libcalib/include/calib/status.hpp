@@ -42,6 +42,9 @@ struct PairStatus {
     Vector6 delta = Vector6::Zero(), sigma = Vector6::Zero();
   };
   std::optional<Misalignment> misalignment;
+  /// Per axis the smallest shift that would be noticed (rad, m), infinite where the axis is not observable; none before
+  /// the baseline is known.
+  std::optional<Vector6> noticeable;
 
   RigidTransform T_camera_lidar = RigidTransform::Identity();
   /// A computed extrinsic that waits for `calibctl accept`, and its record.
@@ -69,6 +72,9 @@ struct PairStatus {
   std::optional<Input> right_image, depth, motion;
   std::optional<double> time_difference_ms;
 };
+
+/// What `misalignment` says of one axis (0 .. 5): "0.62 degrees to the left, sigma 0.05", or "not observable".
+[[nodiscard]] std::string axis_in_words(const PairStatus& pair, int axis);
 
 struct Status {
   std::string vehicle;

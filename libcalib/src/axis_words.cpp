@@ -1,0 +1,43 @@
+#include "calib/axis_words.hpp"
+
+#include <array>
+#include <cmath>
+#include <cstdio>
+
+#include "calib/geometry.hpp"
+
+namespace calib {
+namespace {
+
+struct Sides {
+  const char *positive, *negative;
+};
+constexpr std::array<Sides, 6> sides{{{"right side down", "left side down"},
+                                      {"nose down", "nose up"},
+                                      {"to the left", "to the right"},
+                                      {"forward", "back"},
+                                      {"to the left", "to the right"},
+                                      {"up", "down"}}};
+
+}  // namespace
+
+std::string amount_in_words(int axis, double amount) {
+  std::array<char, 352> text;  // the largest double has 309 digits before the point
+  if (axis < 3)
+    std::snprintf(text.data(), text.size(), "%.2f", std::abs(amount) / radians_per_degree);
+  else
+    std::snprintf(text.data(), text.size(), "%.1f", std::abs(amount) * 100);
+  return text.data();
+}
+
+std::string motion_in_words(int axis, double amount, std::optional<double> sigma) {
+  std::string words = amount_in_words(axis, amount);
+  const bool is_zero = words.find_first_of("123456789") == std::string::npos;
+  words += axis < 3 ? " degrees" : " cm";
+  const Sides& side = sides[static_cast<std::size_t>(axis)];
+  if (!is_zero) words.append(" ").append(amount > 0 ? side.positive : side.negative);
+  if (sigma) words += ", sigma " + amount_in_words(axis, *sigma);
+  return words;
+}
+
+}  // namespace calib
