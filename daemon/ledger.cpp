@@ -1,15 +1,12 @@
 #include "ledger.hpp"
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
 namespace calib {
 namespace {
 
 using nlohmann::json;
-
-bool puts_in_force(Decision decision) {
-  return decision == Decision::initial || decision == Decision::accepted || decision == Decision::rolled_back;
-}
 
 /// The form of proto/alert.schema.json.
 std::string alert_text(const DriftAlert& alert) {
@@ -61,6 +58,11 @@ Result<DriftAlert> parse_alert(std::string_view text) {
 
 }  // namespace
 
+bool same(const RigidTransform& a, const RigidTransform& b) {
+  const RigidTransform difference = a.inverse() * b;
+  return rotation_angle_rad(difference) < 1e-9 && difference.translation().norm() < 1e-9;
+}
+
 Ledger::Ledger(Store store, SigningKey key, Provenance provenance)
     : store_(std::move(store)), key_(std::move(key)), provenance_(std::move(provenance)) {}
 
@@ -83,6 +85,7 @@ Result<Ledger> Ledger::open(const std::filesystem::path& state_dir, SigningKey k
 
 void Ledger::index(CalibrationRecord record) {
   if (record.decision == Decision::initial) initial_.insert_or_assign(record.pair, record);
+  if (record.decision == Decision::baseline) baselines_[record.pair].push_back(record);
   if (puts_in_force(record.decision)) extrinsics_[record.pair].push_back(std::move(record));
 }
 
@@ -99,6 +102,21 @@ const CalibrationRecord* Ledger::before_in_force(std::string_view pair) const {
 const CalibrationRecord* Ledger::initial(std::string_view pair) const {
   const auto found = initial_.find(pair);
   return found == initial_.end() ? nullptr : &found->second;
+}
+
+const CalibrationRecord* Ledger::baseline(std::string_view pair, const RigidTransform& T_camera_lidar) const {
+  const auto found = baselines_.find(pair);
+  if (found == baselines_.end()) return nullptr;
+  const auto& all = found->second;
+  const auto of_it = std::find_if(all.rbegin(), all.rend(), [&](const CalibrationRecord& record) {
+    return same(record.T_camera_lidar, T_camera_lidar);
+  });
+  return of_it == all.rend() ? nullptr : &*of_it;
+}
+
+const CalibrationRecord* Ledger::baseline(std::string_view pair) const {
+  const CalibrationRecord* const now = in_force(pair);
+  return now == nullptr ? nullptr : baseline(pair, now->T_camera_lidar);
 }
 
 Result<CalibrationRecord> Ledger::find(std::string_view pair, std::uint64_t sequence) const {

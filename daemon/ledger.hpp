@@ -27,6 +27,9 @@ struct Moment {
   std::chrono::nanoseconds since_boot{};
 };
 
+/// Whether two extrinsics differ by no more than rounding.
+[[nodiscard]] bool same(const RigidTransform& a, const RigidTransform& b);
+
 /// The signed history of decisions, and what else must survive a restart. Decisions, state and alerts that belong
 /// together are written together: after a crash either all of them happened or none.
 class Ledger {
@@ -44,6 +47,10 @@ class Ledger {
   [[nodiscard]] Result<CalibrationRecord> find(std::string_view pair, std::uint64_t sequence) const;
   /// The record that was in force before the present one, if any.
   [[nodiscard]] const CalibrationRecord* before_in_force(std::string_view pair) const;
+
+  /// The last `baseline` record of an extrinsic, or of the one in force: also from an earlier time when it was.
+  [[nodiscard]] const CalibrationRecord* baseline(std::string_view pair, const RigidTransform& T_camera_lidar) const;
+  [[nodiscard]] const CalibrationRecord* baseline(std::string_view pair) const;
 
   /// Everything that one event changes. `record` needs only pair, decision, reason, asked_by, the extrinsics and what
   /// was computed: the rest is filled in.
@@ -77,6 +84,7 @@ class Ledger {
   std::string last_sha256_{no_previous_sha256};
   std::map<std::string, std::vector<CalibrationRecord>, std::less<>> extrinsics_;  // those that came into force
   std::map<std::string, CalibrationRecord, std::less<>> initial_;
+  std::map<std::string, std::vector<CalibrationRecord>, std::less<>> baselines_;
 };
 
 }  // namespace calib

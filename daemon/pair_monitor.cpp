@@ -1,5 +1,7 @@
 #include "pair_monitor.hpp"
 
+#include <cmath>
+
 namespace calib {
 
 PairMonitor::PairMonitor(const PairMonitorSettings& settings, const Camera& camera,
@@ -14,7 +16,7 @@ std::size_t PairMonitor::wanted_pairs() const {
   return static_cast<std::size_t>(settings_.frames + settings_.frames / 4);
 }
 
-Result<PairMonitor::Evidence> PairMonitor::evaluate(const FramePair& pair) {
+Result<PairMonitor::Evidence> PairMonitor::measure(const FramePair& pair) {
   const SceneThumbnail* last = last_scene_ ? &*last_scene_ : nullptr;
   if (auto good = check_pair(pair, camera_, last, settings_.quality); !good) return tl::unexpected(good.error());
   auto depth = depth_->estimate(pair);
@@ -26,15 +28,23 @@ Result<PairMonitor::Evidence> PairMonitor::evaluate(const FramePair& pair) {
   if (!features) return tl::unexpected(features.error());
 
   last_scene_ = thumbnail(pair.image);
-  Evidence evidence;
   const Objective objective = drift_objective(settings_.depth_is_guessed);
-  evidence.stencil = evaluate_stencil(*features, T_camera_lidar_, {}, objective);
-  AxisEvidence axes = axis_evidence(evidence.stencil, features->stamp);
-  if (drift_.wants_response()) axes.response = evaluate_response(*features, T_camera_lidar_, {}, objective);
-  evidence.verdict = drift_.observe(axes);
-  kept_.push_back(std::move(*features));
-  if (kept_.size() > wanted_pairs()) kept_.pop_front();
+  Evidence evidence{.features = std::move(*features), .stencil = {}};
+  evidence.stencil = evaluate_stencil(evidence.features, T_camera_lidar_, {}, objective);
+  if (drift_.wants_response()) evidence.response = evaluate_response(evidence.features, T_camera_lidar_, {}, objective);
   return evidence;
+}
+
+DriftVerdict PairMonitor::observe(Evidence evidence) {
+  AxisEvidence axes = axis_evidence(evidence.stencil, evidence.features.stamp);
+  axes.response = evidence.response;
+  kept_.push_back(std::move(evidence.features));
+  if (kept_.size() > wanted_pairs()) kept_.pop_front();
+  return drift_.observe(axes);
+}
+
+Result<DriftVerdict> PairMonitor::evaluate(const FramePair& pair) {
+  return measure(pair).map([this](Evidence&& evidence) { return observe(std::move(evidence)); });
 }
 
 std::vector<const FeatureSet*> PairMonitor::eligible() const {
@@ -47,6 +57,24 @@ std::vector<const FeatureSet*> PairMonitor::eligible() const {
 
 std::string PairMonitor::progress() const {
   return std::to_string(eligible().size()) + " of " + std::to_string(wanted_pairs());
+}
+
+std::optional<Expectation> PairMonitor::expected() const {
+  const auto sign = drift_.first_sign();
+  const auto estimate = drift_.misalignment();
+  if (!sign || *sign == Timestamp::min() || !estimate) return std::nullopt;
+  Expectation expected{.delta = estimate->delta, .covariance = estimate->covariance};
+  for (int axis = 0; axis < 6; ++axis) expected.reach[axis] = 1.9 * StencilStep{}.of_axis(axis);  // a little less than 2
+  return expected;
+}
+
+std::optional<NormalScore> PairMonitor::normal_score() const {
+  if (!drift_.learned()) return std::nullopt;
+  const DriftBaseline& baseline = drift_.state().baseline;
+  return NormalScore{.objective = drift_objective(settings_.depth_is_guessed),
+                     .mean = baseline.score,
+                     .deviation = std::sqrt(baseline.score_squares / (baseline.pairs - 1)),
+                     .pairs = baseline.pairs};
 }
 
 Result<PairMonitor::Outcome> PairMonitor::recalibrate() const {
@@ -64,16 +92,22 @@ Result<PairMonitor::Outcome> PairMonitor::recalibrate() const {
     settings.min_change_rotation_rad = settings_.drift.max_bias_rotation_rad;
     settings.min_change_translation_m = settings_.drift.max_bias_translation_m;
   }
+  settings.expected = expected();
+  settings.normal = normal_score();
   auto result = calib::recalibrate(fit, held_back, T_camera_lidar_, settings);
   if (!result) return tl::unexpected(result.error());
   outcome.result = std::move(*result);
   return outcome;
 }
 
-void PairMonitor::adopt(const RigidTransform& T_camera_lidar) {
+void PairMonitor::adopt(const RigidTransform& T_camera_lidar, DriftState drift) {
   T_camera_lidar_ = T_camera_lidar;
-  drift_.restart();
+  drift_ = DriftMonitor(settings_.drift, std::move(drift));
   kept_.clear();
+}
+
+double PairMonitor::score_of_latest(const RigidTransform& T_camera_lidar) const {
+  return score(kept_.back(), T_camera_lidar, drift_objective(settings_.depth_is_guessed)).value;
 }
 
 }  // namespace calib

@@ -28,12 +28,18 @@ class PairMonitor {
   PairMonitor(const PairMonitorSettings& settings, const Camera& camera, std::unique_ptr<DepthEstimator> depth,
               const RigidTransform& T_camera_lidar, DriftState drift);
 
+  /// What one pair shows at the extrinsic in force.
   struct Evidence {
+    FeatureSet features;
     Stencil stencil;
-    DriftVerdict verdict;
+    std::optional<Matrix6> response = {};  // while the baseline is learned
   };
-  /// Depth, quality, features, stencil, verdict. Fails with the reason why this pair says nothing.
-  [[nodiscard]] Result<Evidence> evaluate(const FramePair& pair);
+  /// Depth, quality, features, stencil. Fails with the reason why this pair says nothing.
+  [[nodiscard]] Result<Evidence> measure(const FramePair& pair);
+  /// From evidence to a verdict; keeps the features for a recalibration.
+  DriftVerdict observe(Evidence evidence);
+  /// Both.
+  [[nodiscard]] Result<DriftVerdict> evaluate(const FramePair& pair);
 
   /// Whether enough pairs from after the first sign of drift (any, when there is no sign) are kept.
   [[nodiscard]] bool can_recalibrate() const { return eligible().size() >= wanted_pairs(); }
@@ -49,8 +55,11 @@ class PairMonitor {
   /// From the eligible pairs, of which every fifth is held back. Fails with `not_ready` when there are too few.
   [[nodiscard]] Result<Outcome> recalibrate() const;
 
-  /// Puts an extrinsic in force: evidence and kept pairs belong to the old one and are forgotten.
-  void adopt(const RigidTransform& T_camera_lidar);
+  /// Puts an extrinsic in force: evidence and kept pairs belong to the old one and are forgotten. `drift` is what is
+  /// known of the new one, if it was in force before.
+  void adopt(const RigidTransform& T_camera_lidar, DriftState drift = {});
+  /// What the pair evaluated last scores at any extrinsic. There is one.
+  [[nodiscard]] double score_of_latest(const RigidTransform& T_camera_lidar) const;
   /// Forgets kept pairs, so that the next recalibration is made from new ones only.
   void forget_pairs() { kept_.clear(); }
 
@@ -59,6 +68,11 @@ class PairMonitor {
 
  private:
   [[nodiscard]] std::vector<const FeatureSet*> eligible() const;
+  /// What the evidence of drift says; nothing where there is none, or none but that the extrinsic was wrong from the
+  /// start.
+  [[nodiscard]] std::optional<Expectation> expected() const;
+  /// Of the extrinsic in force; nothing while it is being learned.
+  [[nodiscard]] std::optional<NormalScore> normal_score() const;
 
   PairMonitorSettings settings_;
   Camera camera_;

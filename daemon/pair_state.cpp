@@ -1,5 +1,7 @@
 #include "pair_state.hpp"
 
+#include <cmath>
+#include <limits>
 #include <nlohmann/json.hpp>
 
 namespace calib {
@@ -19,19 +21,6 @@ Vector6 vector6(const json& array) {
   return Vector6::Map(values.data());
 }
 
-json stamps(const std::array<Timestamp, 6>& values) {
-  json array = json::array();
-  for (Timestamp value : values) array.push_back(value.count());
-  return array;
-}
-
-std::array<Timestamp, 6> stamps_from(const json& array) {
-  const auto counts = array.get<std::array<std::int64_t, 6>>();
-  std::array<Timestamp, 6> values;
-  for (std::size_t i = 0; i < values.size(); ++i) values[i] = Timestamp(counts[i]);
-  return values;
-}
-
 template <typename Value, typename Write>
 json optional(const std::optional<Value>& value, Write write) {
   return value ? write(*value) : json();
@@ -42,49 +31,78 @@ DriftVerdict drift_verdict(int number) {
   return static_cast<DriftVerdict>(number);
 }
 
+Matrix6 matrix6(const json& array) {
+  const auto values = array.get<std::array<double, 36>>();
+  return Matrix6::Map(values.data());
+}
+
 json evidence_json(const AxisEvidence& evidence) {
   return {{"stamp_ns", evidence.stamp.count()},
           {"slope", numbers(evidence.slope)},
-          {"curvature", numbers(evidence.curvature)},
-          {"score", evidence.score}};
+          {"score", evidence.score},
+          {"response", optional(evidence.response, [](const Matrix6& m) { return numbers(m.reshaped()); })}};
 }
 
 AxisEvidence evidence_from(const json& in) {
-  return {Timestamp(in.at("stamp_ns").get<std::int64_t>()), vector6(in.at("slope")), vector6(in.at("curvature")),
-          in.at("score").get<double>()};
+  AxisEvidence evidence{.stamp = Timestamp(in.at("stamp_ns").get<std::int64_t>()),
+                        .slope = vector6(in.at("slope")),
+                        .score = in.at("score").get<double>()};
+  if (!in.at("response").is_null()) evidence.response = matrix6(in.at("response"));
+  return evidence;
+}
+
+json chart_json(const DriftState::Chart& chart) { return {{"sum", chart.sum}, {"since_ns", chart.since.count()}}; }
+
+DriftState::Chart chart_from(const json& in) {
+  return {in.at("sum").get<double>(), Timestamp(in.at("since_ns").get<std::int64_t>())};
+}
+
+json baseline_json(const DriftBaseline& baseline) {
+  return {{"pairs", baseline.pairs},
+          {"slope", numbers(baseline.slope)},
+          {"slope_products", numbers(baseline.slope_products.reshaped())},
+          {"latest_slope", numbers(baseline.latest_slope)},
+          {"lagged_products", numbers(baseline.lagged_products)},
+          {"response", numbers(baseline.response.reshaped())},
+          {"response_squares", numbers(baseline.response_squares)},
+          {"score", baseline.score},
+          {"score_squares", baseline.score_squares}};
+}
+
+DriftBaseline baseline_from(const json& in) {
+  const DriftBaseline baseline{.pairs = in.at("pairs").get<int>(),
+                               .slope = vector6(in.at("slope")),
+                               .slope_products = matrix6(in.at("slope_products")),
+                               .latest_slope = vector6(in.at("latest_slope")),
+                               .lagged_products = vector6(in.at("lagged_products")),
+                               .response = matrix6(in.at("response")),
+                               .response_squares = vector6(in.at("response_squares")),
+                               .score = in.at("score").get<double>(),
+                               .score_squares = in.at("score_squares").get<double>()};
+  if (baseline.pairs < 0) throw std::invalid_argument("baseline pairs");
+  return baseline;
 }
 
 json drift_json(const DriftState& drift) {
-  json recent = json::array();
+  json recent = json::array(), charts = json::array();
   for (const AxisEvidence& evidence : drift.recent) recent.push_back(evidence_json(evidence));
-  const DriftBaseline& baseline = drift.baseline;
+  for (const auto& axis : drift.charts)
+    for (const auto& side : axis)
+      for (const DriftState::Chart& chart : side) charts.push_back(chart_json(chart));
   return {{"recent", recent},
-          {"baseline",
-           {{"pairs", baseline.pairs},
-            {"slope", numbers(baseline.slope)},
-            {"slope_squares", numbers(baseline.slope_squares)},
-            {"curvature", numbers(baseline.curvature)},
-            {"curvature_squares", numbers(baseline.curvature_squares)},
-            {"score", baseline.score}}},
-          {"cusum_up", numbers(drift.cusum_up)},
-          {"cusum_down", numbers(drift.cusum_down)},
-          {"up_since_ns", stamps(drift.up_since)},
-          {"down_since_ns", stamps(drift.down_since)},
+          {"baseline", baseline_json(drift.baseline)},
+          {"charts", charts},
           {"verdict", static_cast<int>(drift.verdict)}};
 }
 
 DriftState drift_from(const json& in) {
   DriftState drift;
   for (const json& evidence : in.at("recent")) drift.recent.push_back(evidence_from(evidence));
-  const json& baseline = in.at("baseline");
-  drift.baseline = {baseline.at("pairs").get<int>(),           vector6(baseline.at("slope")),
-                    vector6(baseline.at("slope_squares")),     vector6(baseline.at("curvature")),
-                    vector6(baseline.at("curvature_squares")), baseline.at("score").get<double>()};
-  if (drift.baseline.pairs < 0) throw std::invalid_argument("baseline pairs");
-  drift.cusum_up = vector6(in.at("cusum_up"));
-  drift.cusum_down = vector6(in.at("cusum_down"));
-  drift.up_since = stamps_from(in.at("up_since_ns"));
-  drift.down_since = stamps_from(in.at("down_since_ns"));
+  drift.baseline = baseline_from(in.at("baseline"));
+  std::size_t next = 0;
+  for (auto& axis : drift.charts)
+    for (auto& side : axis)
+      for (DriftState::Chart& chart : side) chart = chart_from(in.at("charts").at(next++));
   drift.verdict = drift_verdict(in.at("verdict").get<int>());
   return drift;
 }
@@ -101,28 +119,62 @@ PairStatus::Score score_from(const json& in) {
   return score;
 }
 
+json probation_json(const Probation& probation) {
+  return {{"pairs", probation.pairs}, {"gain", probation.gain}, {"gain_squares", probation.gain_squares}};
+}
+
+Probation probation_from(const json& in) {
+  const Probation probation{in.at("pairs").get<int>(), in.at("gain").get<double>(),
+                            in.at("gain_squares").get<double>()};
+  if (probation.pairs < 0 || probation.gain_squares < 0) throw std::invalid_argument("probation");
+  return probation;
+}
+
+json time_json(WallTime time) { return time.count(); }
+
+std::optional<WallTime> time_from(const json& in) {
+  return in.is_null() ? std::nullopt : std::optional(WallTime(in.get<std::int64_t>()));
+}
+
 }  // namespace
 
+void Probation::add(double pair_gain) {
+  const double before = pair_gain - gain;
+  gain += before / ++pairs;
+  gain_squares += before * (pair_gain - gain);
+}
+
+double Probation::standard_error() const {
+  return pairs < 2 ? std::numeric_limits<double>::infinity() : std::sqrt(gain_squares / (pairs - 1) / pairs);
+}
+
+bool Probation::exceeds(double sigmas) const {
+  return sigmas < 0 ? gain < sigmas * standard_error() : gain > sigmas * standard_error();
+}
+
 std::string to_text(const PairState& state) {
-  return json{{"schema", 1},
+  return json{{"schema", 2},
               {"drift", drift_json(state.drift)},
               {"verdict", to_string(state.verdict)},
               {"reason", state.reason},
               {"since_ns", state.since.count()},
-              {"last_evaluated_ns", optional(state.last_evaluated, [](WallTime t) { return json(t.count()); })},
+              {"last_evaluated_ns", optional(state.last_evaluated, time_json)},
               {"evaluated", state.evaluated},
               {"skipped", state.skipped},
               {"score", optional(state.score, score_json)},
               {"last_stamp_ns", state.last_stamp.count()},
               {"proposed_record", optional(state.proposed_record, [](std::uint64_t n) { return json(n); })},
-              {"refusals", state.refusals}}
+              {"probation", optional(state.probation, probation_json)},
+              {"refusals", state.refusals},
+              {"retry_at", state.retry_at},
+              {"recalibrated_ns", optional(state.recalibrated, time_json)}}
       .dump(-1, ' ', false, json::error_handler_t::replace);  // a reason may quote what came over the network
 }
 
 Result<PairState> parse_pair_state(std::string_view text) {
   try {
     const json in = json::parse(text);
-    if (in.at("schema") != 1) return fail("malformed_state", "the saved state is of another version");
+    if (in.at("schema") != 2) return fail("malformed_state", "the saved state is of another version");
     PairState state;
     state.drift = drift_from(in.at("drift"));
     const auto verdict = parse_verdict(in.at("verdict").get<std::string>());
@@ -130,14 +182,17 @@ Result<PairState> parse_pair_state(std::string_view text) {
     state.verdict = *verdict;
     state.reason = in.at("reason").get<std::string>();
     state.since = WallTime(in.at("since_ns").get<std::int64_t>());
-    if (!in.at("last_evaluated_ns").is_null())
-      state.last_evaluated = WallTime(in.at("last_evaluated_ns").get<std::int64_t>());
+    state.last_evaluated = time_from(in.at("last_evaluated_ns"));
     state.evaluated = in.at("evaluated").get<std::uint64_t>();
     state.skipped = in.at("skipped").get<std::map<std::string, std::uint64_t>>();
     if (!in.at("score").is_null()) state.score = score_from(in.at("score"));
     state.last_stamp = Timestamp(in.at("last_stamp_ns").get<std::int64_t>());
     if (!in.at("proposed_record").is_null()) state.proposed_record = in.at("proposed_record").get<std::uint64_t>();
+    if (!in.at("probation").is_null()) state.probation = probation_from(in.at("probation"));
     state.refusals = in.at("refusals").get<int>();
+    if (state.refusals < 0) return fail("malformed_state", "the saved state has a negative number of refusals");
+    state.retry_at = in.at("retry_at").get<std::uint64_t>();
+    state.recalibrated = time_from(in.at("recalibrated_ns"));
     return state;
   } catch (const std::exception& exception) {
     return fail("malformed_state", std::string("the saved state cannot be read: ") + exception.what());

@@ -11,7 +11,20 @@
 
 namespace calib {
 
-/// What a pair's monitor remembers across restarts, beside the records.
+/// How an extrinsic that was accepted does against the one that it replaced, on pairs taken since: running moments
+/// (Welford 1962) of the gain in score, pair by pair.
+struct Probation {
+  int pairs = 0;
+  double gain = 0, gain_squares = 0;  // mean, sum of squared deviations
+
+  void add(double pair_gain);
+  /// Of `gain`; infinite below two pairs.
+  [[nodiscard]] double standard_error() const;
+  /// Whether the gain is more than `sigmas` standard errors above zero; negative: below.
+  [[nodiscard]] bool exceeds(double sigmas) const;
+};
+
+/// What a pair's watch remembers across restarts, beside the records.
 struct PairState {
   DriftState drift;
   Verdict verdict = Verdict::not_evaluated;
@@ -25,8 +38,13 @@ struct PairState {
   Timestamp last_stamp{};
   /// The record of a proposal that waits for an answer.
   std::optional<std::uint64_t> proposed_record;
-  /// Recalibrations refused since the extrinsic was accepted; each doubles the pairs waited for.
+  /// While the extrinsic in force is on probation.
+  std::optional<Probation> probation;
+  /// Recalibrations in turn that were refused, or did not stand their probation. Each doubles what calibd waits for
+  /// before it tries again by itself: until `evaluated` is `retry_at`, and for a time since the last one.
   int refusals = 0;
+  std::uint64_t retry_at = 0;
+  std::optional<WallTime> recalibrated;
 };
 
 [[nodiscard]] std::string to_text(const PairState& state);

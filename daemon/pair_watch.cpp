@@ -2,24 +2,22 @@
 
 #include <limits>
 
+#include "baseline_record.hpp"
 #include "message_ids.hpp"
 
 namespace calib {
 namespace {
 
-/// As small a change of the configured extrinsic as can have come from rounding is none.
-bool same(const RigidTransform& a, const RigidTransform& b) {
-  const RigidTransform difference = a.inverse() * b;
-  return rotation_angle_rad(difference) < 1e-9 && difference.translation().norm() < 1e-9;
-}
-
-PairMonitorSettings monitor_settings(const PairConfig& pair) {
+PairMonitorSettings monitor_settings(const Config& config, const PairConfig& pair) {
   PairMonitorSettings settings;
   settings.frames = pair.recalibration.frames;
   settings.bounds = {pair.recalibration.max_rotation_rad, pair.recalibration.max_translation_m};
   settings.quality.depth_range = pair.depth_range;
   if (pair.motion) settings.quality.max_turn_rad = pair.motion->max_turn_rad;
   settings.drift.baseline_pairs = pair.drift.baseline_pairs;
+  settings.drift.max_baseline_pairs = std::max(settings.drift.max_baseline_pairs, pair.drift.baseline_pairs);
+  settings.drift.false_alarms_per_pair = false_alarms_per_pair(config, pair.drift);
+  settings.drift.must_notice_rotation_rad = pair.drift.must_notice_rad;
   settings.depth_is_guessed = std::holds_alternative<OnnxDepthConfig>(pair.depth);
   if (settings.depth_is_guessed) {  // its own bias, before that is learned as what is normal
     settings.drift.max_bias_rotation_rad = radians_per_degree;
@@ -28,9 +26,28 @@ PairMonitorSettings monitor_settings(const PairConfig& pair) {
   return settings;
 }
 
+/// The signed baseline of the extrinsic in force, if it is of the time since it came into force or before it was put in
+/// force again. One of another configuration may be of another camera or depth.
+const CalibrationRecord* known_baseline(const Config& config, const PairConfig& pair, const Ledger& ledger) {
+  const CalibrationRecord* known = ledger.baseline(pair.name);
+  if (known == nullptr || known->configuration_sha256 != config.sha256) return nullptr;
+  const CalibrationRecord* in_force = ledger.in_force(pair.name);
+  return known->sequence > in_force->sequence || in_force->decision == Decision::rolled_back ? known : nullptr;
+}
+
+/// What the records alone tell of a pair.
+PairState recovered(const Config& config, const PairConfig& pair, const Ledger& ledger, PairState state) {
+  if (const CalibrationRecord* known = known_baseline(config, pair, ledger))
+    state.drift = learned_state(*known->baseline);
+  else if (ledger.in_force(pair.name)->decision == Decision::accepted)
+    state.probation.emplace();
+  return state;
+}
+
 Verdict shown(DriftVerdict verdict) {
   switch (verdict) {
     case DriftVerdict::learning:
+    case DriftVerdict::blind:
       return Verdict::not_evaluated;
     case DriftVerdict::calibrated:
       return Verdict::calibrated;
@@ -84,29 +101,40 @@ Result<std::unique_ptr<PairWatch>> PairWatch::take_over(const Config& config, co
         initial != nullptr ? ledger.in_force(pair.name)->T_camera_lidar : pair.T_camera_lidar;
     const auto written = ledger.write(pair.name, state, {.record = std::move(record), .alert = {}}, clock());
     if (!written) return tl::unexpected(written.error());
-  } else if (auto saved = ledger.state(pair.name); !saved) {
-    listener.journal(4, message_ids::store_failed,
-                     pair.name + ": " + saved.error().context + "; its evidence is gathered anew");
-  } else if (*saved) {
+  } else if (auto saved = ledger.state(pair.name); saved && *saved) {
     state = std::move(**saved);
+  } else {
+    state = recovered(config, pair, ledger, std::move(state));
+    if (!saved)
+      listener.journal(4, message_ids::store_failed,
+                       pair.name + ": " + saved.error().context + "; its evidence is gathered anew" +
+                           (state.drift.baseline.pairs > 0 ? ", its baseline is that of the records" : ""));
   }
-  PairMonitor monitor(monitor_settings(pair), pair.camera.camera, std::move(depth),
+  PairMonitor monitor(monitor_settings(config, pair), pair.camera.camera, std::move(depth),
                       ledger.in_force(pair.name)->T_camera_lidar, state.drift);
   return std::unique_ptr<PairWatch>(
       new PairWatch(config, pair, std::move(monitor), std::move(state), ledger, std::move(clock), std::move(listener)));
 }
 
 Result<void> PairWatch::evaluate(const FramePair& pair) {
-  const auto evidence = monitor_.evaluate(pair);
+  auto evidence = monitor_.measure(pair);
   if (!evidence) return tl::unexpected(evidence.error());
-  windows_without_evidence_ = 0;
   state_.last_stamp = pair.image.stamp;
+  observe(std::move(*evidence));
+  return {};
+}
+
+void PairWatch::observe(PairMonitor::Evidence evidence) {
+  windows_without_evidence_ = 0;
   state_.last_evaluated = clock_().wall;
   ++state_.evaluated;
+  const Stencil stencil = evidence.stencil;
+  monitor_.observe(std::move(evidence));
   const DriftBaseline& baseline = monitor_.drift().state().baseline;
-  state_.score = PairStatus::Score{evidence->stencil.current, evidence->stencil.best_neighbour(),
+  state_.score = PairStatus::Score{stencil.current, stencil.best_neighbour(),
                                    baseline.pairs > 0 ? std::optional(baseline.score) : std::nullopt};
-  return {};
+  if (state_.probation)
+    state_.probation->add(stencil.current - monitor_.score_of_latest(ledger_.in_force(name())->T_camera_lidar_before));
 }
 
 void PairWatch::skip(const Error& error, int windows) {
@@ -117,6 +145,20 @@ void PairWatch::skip(const Error& error, int windows) {
 }
 
 void PairWatch::conclude() {
+  // The window's evidence was about the extrinsic that was in force.
+  if (state_.probation && windows_without_evidence_ == 0 && !stands_probation()) return;
+  auto baseline = baseline_due();
+  const std::string learned = baseline ? baseline->reason + ", record " + std::to_string(ledger_.next_sequence()) : "";
+  if (write(concluded(), std::move(baseline)) && !learned.empty())
+    listener_.journal(5, message_ids::baseline_learned, name() + ": " + learned);
+
+  const bool wanted = state_.verdict == Verdict::drifted && !state_.proposed_record && !state_.probation;
+  if (wanted && may_recalibrate() && monitor_.can_recalibrate()) [[maybe_unused]]
+    const auto told = recalibrate("calibd", /*dry_run=*/false);
+}
+
+/// The state with the verdict that the evidence calls for.
+PairState PairWatch::concluded() const {
   PairState after = state_;
   after.drift = monitor_.drift().state();
   if (windows_without_evidence_ >= windows_to_stale) {
@@ -125,13 +167,31 @@ void PairWatch::conclude() {
   } else if (windows_without_evidence_ == 0) {
     after.verdict = shown(after.drift.verdict);
     after.reason = monitor_.drift().reason();
-    if (after.verdict == Verdict::drifted) after.reason += "; pairs for recalibration: " + monitor_.progress();
+    if (after.verdict == Verdict::drifted)
+      after.reason += "; pairs for recalibration: " + monitor_.progress() + patience();
+    if (after.probation)
+      after.reason +=
+          "; the extrinsic of record " + std::to_string(ledger_.in_force(name())->sequence) + " is on probation";
   }
-  write(std::move(after), std::nullopt);
+  return after;
+}
 
-  const bool wanted = state_.verdict == Verdict::drifted && !state_.proposed_record;
-  if (wanted && state_.evaluated >= retry_at_ && monitor_.can_recalibrate()) [[maybe_unused]]
-    const auto told = recalibrate("calibd", /*dry_run=*/false);
+/// The record to sign once the baseline is known, and again once nothing is added to it any more.
+std::optional<CalibrationRecord> PairWatch::baseline_due() const {
+  const DriftBaseline& learned = monitor_.drift().state().baseline;
+  const DriftSettings& settings = monitor_.drift().settings();
+  const CalibrationRecord* const last = known_baseline(config_, pair_, ledger_);
+  const int known = last == nullptr ? 0 : static_cast<int>(last->baseline->pairs);
+  const int due = known < settings.baseline_pairs ? settings.baseline_pairs : settings.max_baseline_pairs;
+  if (learned.pairs < due || known >= due) return std::nullopt;
+  CalibrationRecord record;
+  record.decision = Decision::baseline;
+  record.asked_by = "calibd";
+  record.reason = "what is normal at the extrinsic of record " + std::to_string(ledger_.in_force(name())->sequence) +
+                  " was learned from " + std::to_string(learned.pairs) + " pairs";
+  record.T_camera_lidar = record.T_camera_lidar_before = monitor_.T_camera_lidar();
+  record.baseline = recorded(learned);
+  return record;
 }
 
 DriftAlert PairWatch::alert(const PairState& after) const {
@@ -142,7 +202,7 @@ DriftAlert PairWatch::alert(const PairState& after) const {
   alert.verdict = after.verdict;
   alert.previous_verdict = state_.verdict;
   alert.reason = after.reason;
-  if (const auto estimate = monitor_.drift().misalignment()) alert.misalignment = {estimate->delta, estimate->sigma};
+  if (const auto estimate = monitor_.drift().misalignment()) alert.misalignment = {estimate->delta, estimate->sigma()};
   alert.record_sequence = ledger_.in_force(name())->sequence;
   return alert;
 }
@@ -183,8 +243,13 @@ PairStatus PairWatch::status() const {
   status.evaluated = state_.evaluated;
   status.skipped = state_.skipped;
   status.score = state_.score;
-  if (const auto estimate = monitor_.drift().misalignment())
-    status.misalignment = PairStatus::Misalignment{estimate->delta, estimate->sigma};
+  const DriftMonitor& drift = monitor_.drift();
+  if (const auto estimate = drift.misalignment())
+    status.misalignment = PairStatus::Misalignment{estimate->delta, estimate->sigma()};
+  if (drift.learned()) {
+    status.noticeable.emplace();
+    for (int axis = 0; axis < 6; ++axis) (*status.noticeable)[axis] = drift.noticeable_shift(axis);
+  }
   status.T_camera_lidar = monitor_.T_camera_lidar();
   if (state_.proposed_record)
     if (const auto proposal = ledger_.find(name(), *state_.proposed_record))

@@ -35,15 +35,18 @@ class PairWatch {
                                                                     std::unique_ptr<DepthEstimator> depth,
                                                                     Ledger& ledger, Clock clock, PairListener listener);
 
-  // One window of sampling ends in `evaluate`, or in `skip`; then in `conclude`.
+  // One window of sampling ends in `evaluate`, or in `observe` or `skip`; then in `conclude`.
 
   /// Fails with the reason why this pair says nothing, for `skip`.
   [[nodiscard]] Result<void> evaluate(const FramePair& pair);
+  /// Takes evidence that was measured at the extrinsic in force, by `evaluate` or before.
+  void observe(PairMonitor::Evidence evidence);
   /// A window without evidence, or as good as `windows` of them.
   void skip(const Error& error, int windows = 1);
   /// Counts a sample that was of no use; `skip` does so itself with all that is not `malformed:…`.
   void count_skipped(const std::string& code) { ++state_.skipped[code]; }
-  /// From the evidence so far to a verdict, with the alert that it calls for; then to a new extrinsic.
+  /// From the evidence so far to a verdict, with the alert that it calls for; to the end of a probation, a baseline, or
+  /// a new extrinsic.
   void conclude();
 
   // What is asked for at the control socket, answered as proto/control.md has it.
@@ -68,9 +71,18 @@ class PairWatch {
   PairWatch(const Config& config, const PairConfig& pair, PairMonitor monitor, PairState state, Ledger& ledger,
             Clock clock, PairListener listener);
 
+  [[nodiscard]] PairState concluded() const;
   [[nodiscard]] DriftAlert alert(const PairState& after) const;
   bool write(PairState after, std::optional<CalibrationRecord> record);
-  [[nodiscard]] nlohmann::json put_in_force(CalibrationRecord record);
+  [[nodiscard]] std::optional<CalibrationRecord> baseline_due() const;
+
+  // pair_watch_decisions.cpp
+  [[nodiscard]] bool may_recalibrate() const;
+  void refuse(PairState& after) const;
+  [[nodiscard]] nlohmann::json put_in_force(CalibrationRecord record, PairState after);
+  [[nodiscard]] std::string patience() const;
+  [[nodiscard]] bool stands_probation();
+  void return_from_probation(const std::string& why);
   [[nodiscard]] const std::string& name() const { return pair_.name; }
 
   const Config& config_;

@@ -51,11 +51,15 @@ pairs:
       timeout: 5s
     drift:
       baseline_pairs: 30
+      false_alerts_per_1000_vehicle_weeks: 2.5
+      driving_hours_per_week: 40
+      must_notice_deg: 1
     recalibration:
       mode: apply
       frames: 40
       max_rotation_deg: 3
       max_translation_cm: 20
+      min_interval: 5min
 )";
 
 const std::string least = R"(vehicle: car
@@ -124,10 +128,14 @@ TEST_CASE("every key is read, into SI units") {
   CHECK((pair.depth_range.min_m == 1 && pair.depth_range.max_m == 80));
   CHECK(pair.depth_timeout == 5s);
   CHECK(pair.drift.baseline_pairs == 30);
+  CHECK(pair.drift.false_alerts_per_1000_vehicle_weeks == 2.5);
+  CHECK(pair.drift.driving_hours_per_week == 40);
+  CHECK(pair.drift.must_notice_rad == Approx(radians_per_degree));
   CHECK(pair.recalibration.mode == RecalibrationMode::apply);
   CHECK(pair.recalibration.frames == 40);
   CHECK(pair.recalibration.max_rotation_rad == Approx(3 * radians_per_degree));
   CHECK(pair.recalibration.max_translation_m == Approx(0.2));
+  CHECK(pair.recalibration.min_interval == 5min);
 }
 
 TEST_CASE("what is not given has the documented default") {
@@ -145,10 +153,24 @@ TEST_CASE("what is not given has the documented default") {
   CHECK(pair.camera.frame_id == "camera_optical");
   CHECK(pair.lidar.frame_id == "lidar");
   CHECK(pair.drift.baseline_pairs == 20);
+  CHECK(pair.drift.false_alerts_per_1000_vehicle_weeks == 1);
+  CHECK(pair.drift.driving_hours_per_week == 56);
+  CHECK(pair.drift.must_notice_rad == Approx(0.5 * radians_per_degree));
   CHECK(pair.recalibration.mode == RecalibrationMode::propose);
   CHECK(pair.recalibration.frames == 25);
   CHECK(pair.recalibration.max_rotation_rad == Approx(5 * radians_per_degree));
   CHECK(pair.recalibration.max_translation_m == Approx(0.5));
+  CHECK(pair.recalibration.min_interval == 10min);
+}
+
+TEST_CASE("the rate of false alerts is shared among the samples of the weeks, and among the pairs") {
+  Config config = require_ok(parse(least));
+  const DriftConfig drift{.false_alerts_per_1000_vehicle_weeks = 2, .driving_hours_per_week = 10};
+  CHECK(false_alarms_per_pair(config, drift) == Approx(2 / (1000 * 10 * 360.0)));
+  config.sampling.period = 5s;
+  CHECK(false_alarms_per_pair(config, drift) == Approx(2 / (1000 * 10 * 720.0)));
+  config.pairs.resize(4, config.pairs[0]);
+  CHECK(false_alarms_per_pair(config, drift) == Approx(2 / (1000 * 10 * 720.0) / 4));
 }
 
 TEST_CASE("a duration may be quoted, as JSON does") {
@@ -172,6 +194,11 @@ TEST_CASE("the example in systemd/ is a configuration, and its values are the de
   CHECK(config.pairs[0].depth_range.max_m == defaults.pairs[0].depth_range.max_m);
   CHECK(config.pairs[0].depth_timeout == defaults.pairs[0].depth_timeout);
   CHECK(config.pairs[0].drift.baseline_pairs == defaults.pairs[0].drift.baseline_pairs);
+  CHECK(config.pairs[0].drift.false_alerts_per_1000_vehicle_weeks ==
+        defaults.pairs[0].drift.false_alerts_per_1000_vehicle_weeks);
+  CHECK(config.pairs[0].drift.driving_hours_per_week == defaults.pairs[0].drift.driving_hours_per_week);
+  CHECK(config.pairs[0].drift.must_notice_rad == defaults.pairs[0].drift.must_notice_rad);
+  CHECK(config.pairs[0].recalibration.min_interval == defaults.pairs[0].recalibration.min_interval);
   CHECK(config.pairs[0].recalibration.mode == defaults.pairs[0].recalibration.mode);
   CHECK(config.pairs[0].recalibration.frames == defaults.pairs[0].recalibration.frames);
   CHECK(config.pairs[0].recalibration.max_rotation_rad == defaults.pairs[0].recalibration.max_rotation_rad);
@@ -239,10 +266,14 @@ TEST_CASE("a wrong value is refused with its file, line and key") {
       {"[1, 80]", "[-1, 80]", "c.yaml:33: pairs[0].depth.range_m[0]: -1 is outside"},
       {"timeout: 5s", "timeout: 5h", "c.yaml:34: pairs[0].depth.timeout: 5h is outside 0.1s .. 60s"},
       {"baseline_pairs: 30", "baseline_pairs: 4", "c.yaml:36: pairs[0].drift.baseline_pairs: "},
-      {"mode: apply", "mode: maybe", "c.yaml:38: pairs[0].recalibration.mode: is none of: apply, propose"},
-      {"frames: 40", "frames: 4", "c.yaml:39: pairs[0].recalibration.frames: "},
-      {"max_rotation_deg: 3", "max_rotation_deg: 31", "c.yaml:40: pairs[0].recalibration.max_rotation_deg: "},
-      {"max_translation_cm: 20", "max_translation_cm: 0", "c.yaml:41: pairs[0].recalibration.max_translation_cm: "},
+      {"weeks: 2.5", "weeks: 0", "c.yaml:37: pairs[0].drift.false_alerts_per_1000_vehicle_weeks: "},
+      {"per_week: 40", "per_week: 169", "c.yaml:38: pairs[0].drift.driving_hours_per_week: "},
+      {"notice_deg: 1", "notice_deg: 0", "c.yaml:39: pairs[0].drift.must_notice_deg: "},
+      {"mode: apply", "mode: maybe", "c.yaml:41: pairs[0].recalibration.mode: is none of: apply, propose"},
+      {"frames: 40", "frames: 4", "c.yaml:42: pairs[0].recalibration.frames: "},
+      {"max_rotation_deg: 3", "max_rotation_deg: 31", "c.yaml:43: pairs[0].recalibration.max_rotation_deg: "},
+      {"max_translation_cm: 20", "max_translation_cm: 0", "c.yaml:44: pairs[0].recalibration.max_translation_cm: "},
+      {"interval: 5min", "interval: 25h", "c.yaml:45: pairs[0].recalibration.min_interval: "},
   };
   for (const Wrong& wrong : wrongs) {
     INFO(wrong.what << " -> " << wrong.instead);

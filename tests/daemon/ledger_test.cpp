@@ -80,6 +80,33 @@ TEST_CASE("a ledger opened again knows what was written, by pair") {
   CHECK_FALSE(test::require_ok(ledger.state("left")).has_value());
 }
 
+TEST_CASE("a baseline belongs to an extrinsic, puts nothing in force, and is found again when that extrinsic is") {
+  const Garage garage;
+  const auto baseline = [](double x_m, std::uint64_t pairs) {
+    CalibrationRecord record = decided(Decision::baseline, x_m);
+    record.baseline.emplace().pairs = pairs;
+    return record;
+  };
+  {
+    auto ledger = test::require_ok(garage.open());
+    CHECK(ledger.baseline("front") == nullptr);
+    for (const CalibrationRecord& record :
+         {decided(Decision::initial, 1), baseline(1, 20), baseline(1, 100), decided(Decision::accepted, 2)})
+      REQUIRE(ledger.write("front", {}, {record, {}}, moment));
+    CHECK(ledger.in_force("front")->sequence == 4);
+    CHECK(ledger.baseline("front") == nullptr);
+    REQUIRE(ledger.write("front", {}, {baseline(2, 21), {}}, moment));
+    CHECK(ledger.in_force("front")->sequence == 4);
+    CHECK(ledger.before_in_force("front")->sequence == 1);
+    CHECK(ledger.baseline("front")->baseline->pairs == 21);
+    REQUIRE(ledger.write("front", {}, {decided(Decision::rolled_back, 1), {}}, moment));
+  }
+  const auto ledger = test::require_ok(garage.open());
+  CHECK(ledger.baseline("front")->sequence == 3);
+  CHECK(ledger.baseline("front")->baseline->pairs == 100);
+  CHECK(ledger.baseline("rear") == nullptr);
+}
+
 TEST_CASE("an alert comes back as it was enqueued, numbered without a gap") {
   const Garage garage;
   {
@@ -106,8 +133,8 @@ TEST_CASE("what cannot be written whole is not written at all") {
   REQUIRE(ledger.write("front", state, {decided(Decision::initial, 1), {}}, moment));
   state.evaluated = 2;
   const auto refused = ledger.write(
-      "front", state, {decided(Decision::accepted, std::numeric_limits<double>::quiet_NaN()), alert_of(Verdict::suspect)},
-      moment);
+      "front", state,
+      {decided(Decision::accepted, std::numeric_limits<double>::quiet_NaN()), alert_of(Verdict::suspect)}, moment);
   REQUIRE_FALSE(refused);
   CHECK(ledger.next_sequence() == 2);
   CHECK(ledger.waiting_alert_count() == 0);

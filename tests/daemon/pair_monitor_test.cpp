@@ -58,9 +58,13 @@ TEST_CASE("a knock is found and recalibrated from pairs taken since, and what is
   CHECK(monitor.recalibrate().error().code == "not_ready");
   for (int i = 0; i < 14; ++i) {
     CHECK(monitor.can_recalibrate() == (i >= 10));
-    const auto evidence = test::require_ok(monitor.evaluate(drive.pair(i)));
+    auto evidence = test::require_ok(monitor.measure(drive.pair(i)));
     CHECK(evidence.stencil.current > 1);
-    CHECK(evidence.verdict == monitor.drift().verdict());
+    CHECK(evidence.response.has_value());
+    const double scored = evidence.stencil.current;
+    CHECK(monitor.observe(std::move(evidence)) == monitor.drift().verdict());
+    CHECK(monitor.score_of_latest(monitor.T_camera_lidar()) == scored);
+    CHECK(monitor.score_of_latest(monitor.T_camera_lidar() * perturbation(yaw(2))) < scored);
   }
   REQUIRE(monitor.drift().verdict() == DriftVerdict::calibrated);
   CHECK(monitor.progress() == "10 of 10");

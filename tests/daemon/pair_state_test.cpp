@@ -1,5 +1,6 @@
 #include "pair_state.hpp"
 
+#include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>
 
@@ -12,21 +13,17 @@ using namespace std::chrono_literals;
 
 namespace {
 
-Stencil random_stencil(vehicle::Random& random, double shift = 0) {
-  Stencil stencil;
-  stencil.current = 1.2 + 0.01 * random.gaussian();
-  for (int axis = 0; axis < 6; ++axis) {
-    const double top = shift + 0.1 * random.gaussian();
-    stencil.plus[axis] = stencil.current - 0.01 + 0.02 * top;
-    stencil.minus[axis] = stencil.current - 0.01 - 0.02 * top + 0.002 * random.gaussian();
-  }
-  return stencil;
+AxisEvidence random_evidence(vehicle::Random& random, Timestamp stamp, double shift = 0) {
+  AxisEvidence evidence{.stamp = stamp, .score = 1.2 + 0.01 * random.gaussian(), .response = Matrix6::Zero()};
+  for (int i = 0; i < 36; ++i) (*evidence.response)(i / 6, i % 6) = (i % 7 == 0) + 0.1 * random.gaussian();
+  for (int axis = 0; axis < 6; ++axis) evidence.slope[axis] = shift + 0.1 * random.gaussian();
+  return evidence;
 }
 
 PairState full_state() {
   vehicle::Random random(1);
   DriftMonitor monitor({});
-  for (int i = 0; i < 45; ++i) monitor.observe(random_stencil(random, i < 40 ? 0 : 0.3), 1s * i);
+  for (int i = 0; i < 45; ++i) monitor.observe(random_evidence(random, 1s * i, i < 40 ? 0 : 0.6));
   PairState state;
   state.drift = monitor.state();
   state.verdict = Verdict::suspect;
@@ -38,7 +35,10 @@ PairState full_state() {
   state.score = PairStatus::Score{1.2345678901234567, 1.1, 0.1 + 0.2};
   state.last_stamp = Timestamp(-5);
   state.proposed_record = 7;
+  state.probation = Probation{3, -0.25, 1e-7};
   state.refusals = 2;
+  state.retry_at = 17'000'000'000'000'000'000U;
+  state.recalibrated = WallTime(1'700'000'000'999'999'999);
   return state;
 }
 
@@ -50,8 +50,8 @@ TEST_CASE("a monitor that goes on from its text sees, to the last bit, what it w
   vehicle::Random random(2);
   DriftMonitor straight({}), restarted({});
   for (int i = 0; i < 150; ++i) {
-    const Stencil stencil = random_stencil(random, i < 120 ? 0 : 0.4);
-    CHECK(straight.observe(stencil, 1s * i) == restarted.observe(stencil, 1s * i));
+    const AxisEvidence evidence = random_evidence(random, 1s * i, i < 120 ? 0 : 0.6);
+    CHECK(straight.observe(evidence) == restarted.observe(evidence));
     PairState state;
     state.drift = restarted.state();
     restarted = DriftMonitor({}, test::require_ok(parse_pair_state(to_text(state))).drift);
@@ -77,14 +77,22 @@ TEST_CASE("a state that is written and read is the same, with and without what i
     CHECK(read.skipped == state.skipped);
     CHECK(read.last_stamp == state.last_stamp);
     CHECK(read.proposed_record == state.proposed_record);
+    REQUIRE(read.probation.has_value() == state.probation.has_value());
+    if (state.probation) {
+      CHECK(read.probation->pairs == state.probation->pairs);
+      CHECK(read.probation->gain == state.probation->gain);
+      CHECK(read.probation->gain_squares == state.probation->gain_squares);
+    }
     CHECK(read.refusals == state.refusals);
+    CHECK(read.retry_at == state.retry_at);
+    CHECK(read.recalibrated == state.recalibrated);
     REQUIRE(read.score.has_value() == state.score.has_value());
     if (state.score) {
       CHECK(read.score->current == state.score->current);
       CHECK(read.score->baseline == state.score->baseline);
     }
-    CHECK(read.drift.cusum_up == state.drift.cusum_up);
-    CHECK(read.drift.up_since == state.drift.up_since);
+    CHECK(read.drift.charts[2][0][1].sum == state.drift.charts[2][0][1].sum);
+    CHECK(read.drift.charts[2][0][1].since == state.drift.charts[2][0][1].since);
     CHECK(read.drift.baseline.slope_squares == state.drift.baseline.slope_squares);
   }
 }
@@ -123,9 +131,12 @@ TEST_CASE("numbers that no monitor can have are refused: what is saved must not 
   CHECK(code("/drift/verdict", 4) == "malformed_state");
   CHECK(code("/drift/verdict", -1) == "malformed_state");
   CHECK(code("/drift/baseline/pairs", -3) == "malformed_state");
-  CHECK(code("/drift/cusum_up", {1, 2, 3, 4, 5}) == "malformed_state");
+  CHECK(code("/drift/baseline/slope", {1, 2, 3, 4, 5}) == "malformed_state");
   CHECK(code("/drift/baseline/score", std::numeric_limits<double>::quiet_NaN()) == "malformed_state");
-  CHECK(code("/schema", 2) == "malformed_state");
+  CHECK(code("/probation/pairs", -1) == "malformed_state");
+  CHECK(code("/probation/gain_squares", -1.0) == "malformed_state");
+  CHECK(code("/refusals", -1) == "malformed_state");
+  CHECK(code("/schema", 1) == "malformed_state");
   // Drifted while still learning, by no evidence at all.
   nlohmann::json hollow = whole;
   hollow["drift"] = as_json(PairState{})["drift"];
@@ -137,6 +148,22 @@ TEST_CASE("a reason that quotes a broken message is written all the same") {
   PairState state;
   state.reason = "malformed:encoding: encoding '\xff\x80rgb8' is not supported";
   CHECK_THAT(test::require_ok(parse_pair_state(to_text(state))).reason, Catch::Matchers::ContainsSubstring("rgb8"));
+}
+
+TEST_CASE("a probation knows how sure its gain is") {
+  Probation probation;
+  CHECK_FALSE(probation.exceeds(0));
+  CHECK_FALSE(probation.exceeds(-3));
+  for (const double gain : {1.0, 2.0, 3.0, 4.0}) probation.add(gain);
+  CHECK(probation.gain == Approx(2.5));
+  CHECK(probation.standard_error() == Approx(std::sqrt(5.0 / 3 / 4)));
+  CHECK(probation.exceeds(3));
+  CHECK_FALSE(probation.exceeds(4));
+  CHECK_FALSE(probation.exceeds(-3));
+  Probation worse;
+  for (const double gain : {-1.0, -2.0, -3.0, -4.0}) worse.add(gain);
+  CHECK(worse.exceeds(-3));
+  CHECK_FALSE(worse.exceeds(-4));
 }
 
 TEST_CASE("text that is no state is refused") {

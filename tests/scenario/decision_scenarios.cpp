@@ -1,0 +1,147 @@
+// What is signed, what is refused, what is taken back, and what survives a restart.
+#include "support/catch.hpp"
+#include "support/pair_scenario.hpp"
+
+using namespace calib;
+using namespace calib::test;
+using namespace std::chrono_literals;
+using Catch::Matchers::ContainsSubstring;
+
+namespace {
+
+/// Depth that is suddenly beside the image by so many pixels: as if somebody had changed the depth source's
+/// calibration.
+World shifted_depth(int pixels) {
+  return {.depth = [pixels](DepthMap& depth) {
+    for (int row = 0; row < depth.height; ++row) {
+      const auto begin = depth.inverse_depth.begin() + row * depth.width;
+      std::shift_left(begin, begin + depth.width, pixels);
+      std::fill(begin + depth.width - pixels, begin + depth.width, DepthMap::no_depth);
+    }
+  }};
+}
+
+}  // namespace
+
+TEST_CASE("depth that is suddenly wrong looks like a LiDAR that has moved, and is not signed as a new extrinsic") {
+  PairScenario scenario;
+  const World biased = shifted_depth(6);
+  CHECK(scenario.drive_until(Verdict::drifted, 20, biased) <= 20);
+  scenario.drive(40, biased);
+  INFO(scenario.reason());
+  CHECK(scenario.records(Decision::accepted) == 0);
+  CHECK(scenario.records(Decision::rejected) == 1);
+  INFO(scenario.reason(Decision::rejected));
+  CHECK(scenario.error_deg(Vector6::Zero()) < 1e-6);
+  // When depth is well again all is well, without anybody's doing.
+  CHECK(scenario.drive_until(Verdict::calibrated, 60) <= 60);
+  CHECK(scenario.alerts(Verdict::drifted) == 1);
+}
+
+TEST_CASE("refused recalibrations come ever more rarely, in pairs and in time, also over a restart") {
+  PairScenario scenario;
+  const World biased = shifted_depth(6);
+  scenario.drive(60, biased);
+  CHECK(scenario.records(Decision::rejected) == 1);
+  CHECK_THAT(scenario.reason(), ContainsSubstring("; the next is tried "));
+  scenario.restart();
+  // The interval of ten minutes, doubled: 120 pairs.
+  scenario.drive(60, biased);
+  CHECK(scenario.records(Decision::rejected) == 1);
+  scenario.drive(60, biased);
+  CHECK(scenario.records(Decision::rejected) == 2);
+  scenario.restart();
+  // Doubled again: 240.
+  scenario.drive(180, biased);
+  CHECK(scenario.records(Decision::rejected) == 2);
+  scenario.drive(40, biased);
+  CHECK(scenario.records(Decision::rejected) == 3);
+  CHECK(scenario.records(Decision::accepted) == 0);
+}
+
+TEST_CASE(
+    "an extrinsic that was accepted and does worse is taken back by itself, and the earlier baseline holds again") {
+  PairScenario scenario({.mode = RecalibrationMode::propose});
+  const World knocked{.motion = moved(0, 0, 1)};
+  scenario.drive(40, knocked);
+  REQUIRE(scenario.records(Decision::proposed) == 1);
+  // Somebody has put the LiDAR back, and somebody else accepts what was proposed before.
+  scenario.drive_until(Verdict::calibrated, 60);
+  REQUIRE(scenario.watch().accept("uid:7").at("answer") == "accepted");
+  CHECK(scenario.error_deg(Vector6::Zero()) > 0.7);
+  scenario.drive(4);
+  CHECK_THAT(scenario.reason(), ContainsSubstring("learning the baseline: 4 of 20 pairs; the extrinsic of record "));
+  CHECK_THAT(scenario.reason(), ContainsSubstring(" is on probation"));
+  scenario.restart();
+  CHECK(scenario.watch().state().probation->pairs == 4);
+  scenario.drive(4);
+  CHECK(scenario.records(Decision::rolled_back) == 1);
+  CHECK_THAT(scenario.reason(Decision::rolled_back),
+             ContainsSubstring("has not stood its probation: surely worse: over"));
+  CHECK(scenario.error_deg(Vector6::Zero()) < 1e-6);
+  CHECK(scenario.watch().state().refusals == 1);
+  scenario.drive(1);
+  CHECK(scenario.verdict() == Verdict::calibrated);
+  CHECK(scenario.records(Decision::baseline) == 0);  // that of before is good enough
+}
+
+TEST_CASE("where the objective has a false hill far away, nothing is signed that is worse than before") {
+  const Vector6 far = moved(3, -4, 4.5);
+  PairScenario scenario;
+  CHECK(scenario.drive_until(Verdict::drifted, 20, {.motion = far}) <= 20);
+  const double before_deg = scenario.error_deg(far);
+  scenario.drive(60, {.motion = far});
+  INFO(scenario.reason() << "; " << scenario.error_deg(far) << " degrees off, " << before_deg << " before");
+  CHECK(scenario.records(Decision::accepted) + scenario.records(Decision::rejected) == 1);
+  if (scenario.records(Decision::accepted) == 1)
+    CHECK(scenario.error_deg(far) < 0.3);
+  else
+    CHECK(scenario.verdict() == Verdict::drifted);
+}
+
+TEST_CASE("a restart in the middle of a drift forgets nothing") {
+  PairScenario straight({.mode = RecalibrationMode::propose}), restarted({.mode = RecalibrationMode::propose});
+  const World knocked{.motion = moved(0, 0.3, 0)};
+  for (int window = 0; window < 40; ++window) {
+    straight.drive(1, knocked);
+    restarted.drive(1, knocked);
+    if (window % 3 == 0) restarted.restart();
+    REQUIRE(restarted.verdict() == straight.verdict());
+    REQUIRE(restarted.watch().state().since == straight.watch().state().since);
+  }
+  CHECK(restarted.alerts() == straight.alerts());
+  CHECK(straight.alerts(Verdict::drifted) == 1);
+  CHECK(restarted.records(Decision::baseline) == 0);
+}
+
+TEST_CASE("when the saved state cannot be read the signed baseline is gone on from") {
+  PairScenario scenario;
+  scenario.restart("UPDATE state SET json = 'spoilt'");
+  REQUIRE(scenario.journal().size() == 1);
+  CHECK_THAT(scenario.journal()[0], ContainsSubstring("its baseline is that of the records"));
+  CHECK(scenario.verdict() == Verdict::not_evaluated);
+  scenario.drive(1);
+  CHECK(scenario.verdict() == Verdict::calibrated);
+  CHECK(scenario.drive_until(Verdict::drifted, 20, {.motion = moved(0, 0, 0.5)}) <= 8);
+  CHECK(scenario.records(Decision::baseline) == 0);
+}
+
+TEST_CASE("what was in force can be again, and nothing else") {
+  PairScenario scenario;
+  const auto code = [&](const nlohmann::json& to) {
+    return scenario.watch().roll_back(to, "uid:7").value("code", "done");
+  };
+  CHECK(code(nullptr) == "not_found");
+  CHECK(code(2U) == "bad_request");  // a baseline
+  CHECK(code(99U) == "not_found");
+  CHECK(code("1") == "bad_request");
+  const World knocked{.motion = moved(0, 0, 1)};
+  scenario.drive(80, knocked);
+  REQUIRE(scenario.records(Decision::accepted) == 1);
+  CHECK(scenario.verdict() == Verdict::calibrated);
+  CHECK(code(nullptr) == "done");
+  CHECK(scenario.verdict() == Verdict::not_evaluated);
+  CHECK_FALSE(scenario.watch().state().probation);
+  // Against the baseline of then the knock shows at once.
+  CHECK(scenario.drive_until(Verdict::drifted, 20, knocked) <= 8);
+}
