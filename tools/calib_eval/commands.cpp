@@ -10,14 +10,6 @@
 namespace calib::eval {
 namespace {
 
-Result<Footage> read(const FootageOptions& options) {
-  auto footage = Footage::read(options);
-  if (!footage) return footage;
-  if (!footage->remark.empty()) std::cerr << "calib-eval: " << escape_control(footage->remark) << '\n';
-  for (const std::string& line : footage->left_out) std::cerr << "calib-eval: " << escape_control(line) << '\n';
-  return footage;
-}
-
 std::vector<Cell> cells_of(const CalibrateOptions& options) {
   std::vector<Cell> cells;
   for (const Method method : options.methods)
@@ -40,7 +32,7 @@ struct Landscape {
   std::vector<FeatureSet> features;
 };
 Result<Landscape> look(const FootageOptions& footage_options, const LandscapeOptions& options) {
-  auto footage = read(footage_options);
+  auto footage = read_footage(footage_options);
   if (!footage) return tl::unexpected(footage.error());
   bool baselines = false;
   for (const Method method : options.methods) baselines |= needs_baseline_features(method);
@@ -62,9 +54,17 @@ std::string frames_line(const Footage& footage) {
 
 }  // namespace
 
+Result<Footage> read_footage(const FootageOptions& options) {
+  auto footage = Footage::read(options);
+  if (!footage) return footage;
+  if (!footage->remark.empty()) std::cerr << "calib-eval: " << escape_control(footage->remark) << '\n';
+  for (const std::string& line : footage->left_out) std::cerr << "calib-eval: " << escape_control(line) << '\n';
+  return footage;
+}
+
 Result<void> calibrate(const FootageOptions& footage_options, const CalibrateOptions& options,
                        const CommandWords& words) {
-  const auto footage = read(footage_options);
+  const auto footage = read_footage(footage_options);
   if (!footage) return tl::unexpected(footage.error());
   Json result = describe("calibrate", words, footage_options, *footage);
   result["cells"] = Json::array();

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -11,6 +12,9 @@ namespace calib::eval {
 
 /// What a command says about itself in its result: its words without those that change nothing in it.
 using CommandWords = std::vector<std::string>;
+
+/// As `Footage::read`, with a line on standard error for all there is to remark.
+[[nodiscard]] Result<Footage> read_footage(const FootageOptions& options);
 
 struct CalibrateOptions {
   std::vector<Method> methods{Method::standard};
@@ -36,6 +40,30 @@ struct LandscapeOptions {
 /// Scores over pairs of axes.
 [[nodiscard]] Result<void> surfaces(const FootageOptions& footage, const LandscapeOptions& options,
                                     const CommandWords& words);
+
+/// How far a LiDAR is knocked: rad about an axis, or m along it. To either side.
+struct KnockSize {
+  bool rotation = true;
+  double size = 0;
+};
+/// "0.25deg", "10cm": more than nothing, and no more than 5 degrees or 50 cm. Fails with `bad_knock`.
+[[nodiscard]] Result<KnockSize> parse_knock(const std::string& text);
+
+struct DriftOptions {
+  std::vector<KnockSize> knocks;
+  double rate_deg_per_hour = 0;  // instead of knocks; 0: knocks
+  int pairs = 0;                 // from the knock on; 0: `usual_pairs`
+  int sequences = 200;           // of each knock
+  double weeks = 10000;          // of vehicles whose LiDAR stays
+  double driving_hours_per_week = 56;
+  double false_alerts_per_1000_vehicle_weeks = 1;
+  std::optional<int> block;
+  std::filesystem::path json;
+};
+inline constexpr int usual_drift_frames = 96;
+/// What a monitor says of LiDARs that stay in their place and of LiDARs that move: sequences of pairs, drawn from what
+/// the frames were measured to say.
+[[nodiscard]] Result<void> drift(const FootageOptions& footage, const DriftOptions& options, const CommandWords& words);
 
 /// Becomes the program that draws `result` into `folder`; returns only when that cannot be run. Fails with
 /// `plot_missing`.

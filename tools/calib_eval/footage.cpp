@@ -1,5 +1,7 @@
 #include "calib_eval/footage.hpp"
 
+#include <functional>
+#include <memory>
 #include <mutex>
 
 #include "calib/depth_onnx.hpp"
@@ -7,17 +9,61 @@
 #include "calib/extrinsic_check.hpp"
 #include "calib/quality.hpp"
 #include "calib_eval/parallel.hpp"
+#include "calib_eval/simulated_drive.hpp"
 #include "dataset/depth_files.hpp"
 
 namespace calib::eval {
 namespace {
 
-Result<Recording> open(const FootageOptions& options) {
-  if (options.dataset == "kitti-raw")
-    return open_kitti_raw(options.root, options.camera.empty() ? "image_02" : options.camera);
-  if (options.dataset == "kitti-360")
-    return open_kitti_360(options.root, options.drive, options.camera.empty() ? "image_00" : options.camera);
-  return open_list(options.root);
+/// Where frames come from.
+struct Source {
+  Camera camera;
+  RigidTransform T_camera_lidar;
+  std::optional<double> baseline_m;
+  bool has_stereo = false;
+  std::vector<std::string> names;
+  /// Frame by number; from any thread.
+  std::function<Result<FramePair>(std::size_t, Colours)> frame;
+  std::function<DepthMap(std::size_t)> true_depth = {};  // where it is known
+};
+
+Result<Source> open_recording(const FootageOptions& options) {
+  const auto recording = [&] {
+    if (options.dataset == "kitti-raw")
+      return open_kitti_raw(options.root, options.camera.empty() ? "image_02" : options.camera);
+    if (options.dataset == "kitti-360")
+      return open_kitti_360(options.root, options.drive, options.camera.empty() ? "image_00" : options.camera);
+    return open_list(options.root);
+  }();
+  if (!recording) return tl::unexpected(recording.error());
+  Source source{recording->camera(),
+                recording->T_camera_lidar(),
+                recording->baseline_m(),
+                recording->has_stereo(),
+                {},
+                [recording = *recording](std::size_t i, Colours colours) { return recording.frame(i, colours); }};
+  for (std::size_t i = 0; i < recording->size(); ++i) source.names.push_back(recording->frame_name(i));
+  return source;
+}
+
+Result<Source> open_simulation(const FootageOptions& options) {
+  auto driven =
+      SimulatedDrive::drive({options.places, options.frames, options.period_s, options.seed, options.threads});
+  if (!driven) return tl::unexpected(driven.error());
+  const auto drive = std::make_shared<const SimulatedDrive>(*std::move(driven));
+  Source source{drive->camera,
+                drive->T_camera_lidar,
+                drive->baseline_m,
+                true,
+                {},
+                [drive](std::size_t i, Colours) -> Result<FramePair> { return drive->frames[i].pair; },
+                [drive](std::size_t i) { return drive->frames[i].depth; }};
+  for (const SimulatedDrive::Frame& frame : drive->frames) source.names.push_back(frame.name);
+  return source;
+}
+
+Result<Source> open(const FootageOptions& options) {
+  return options.dataset == "sim" ? open_simulation(options) : open_recording(options);
 }
 
 /// Of frames that are read side by side; nothing where depth is not from a network.
@@ -36,23 +82,24 @@ Result<std::string> open(Network& network, const FootageOptions& options, const 
   return network.estimator->prepare();
 }
 
-Result<DepthMap> depth_of(const FootageOptions& options, const Recording& recording, Network& network,
-                          const std::string& name, const FramePair& pair) {
+Result<DepthMap> depth_of(const FootageOptions& options, const Source& source, Network& network, std::size_t index,
+                          const FramePair& pair) {
   const auto unbiased = [&]() -> Result<DepthMap> {
     if (network.estimator) {
       const std::scoped_lock lock(network.in_use);
       return network.estimator->estimate(pair);
     }
+    if (options.depth == "true") return source.true_depth(index);
     if (options.depth == "stereo") {
       // One for each frame, as they keep scratch memory and frames are read side by side.
-      const auto stereo = make_stereo_depth(recording.camera(), *recording.baseline_m());
+      const auto stereo = make_stereo_depth(source.camera, *source.baseline_m);
       if (!stereo) return tl::unexpected(stereo.error());
       return (*stereo)->estimate(pair);
     }
     const auto kind = parse_depth_kind(options.depth_kind);
     if (!kind) return tl::unexpected(kind.error());
-    return read_depth({options.depth_dir, *kind, options.depth_scale}, name, recording.camera(),
-                      recording.baseline_m());
+    return read_depth({options.depth_dir, *kind, options.depth_scale}, source.names[index], source.camera,
+                      source.baseline_m);
   };
   auto depth = unbiased();
   if (depth && options.depth_bias > 0) add_smooth_bias(*depth, options.depth_bias, options.seed);
@@ -66,18 +113,17 @@ struct Reading {
   std::optional<Error> useless;
 };
 
-Reading read_frame(const FootageOptions& options, const Recording& recording, Network& network, std::size_t index) {
+Reading read_frame(const FootageOptions& options, const Source& source, Network& network, std::size_t index) {
   Reading reading;
-  reading.pair = recording.frame(index, network.estimator ? Colours::rgb : Colours::grey);
+  reading.pair = source.frame(index, network.estimator ? Colours::rgb : Colours::grey);
   if (!reading.pair) return reading;
-  reading.depth = depth_of(options, recording, network, recording.frame_name(index), *reading.pair);
+  reading.depth = depth_of(options, source, network, index, *reading.pair);
   if (!reading.depth) {
     reading.useless = reading.depth.error();
     return reading;
   }
   mask_depth(reading.pair->image, {}, *reading.depth);
-  const auto features =
-      make_features(*reading.pair, *reading.depth, recording.camera(), recording.T_camera_lidar(), {});
+  const auto features = make_features(*reading.pair, *reading.depth, source.camera, source.T_camera_lidar, {});
   if (!features) reading.useless = features.error();
   return reading;
 }
@@ -93,21 +139,21 @@ std::vector<std::size_t> spread_evenly(std::size_t available, std::size_t wanted
 }
 
 Result<Footage> Footage::read(const FootageOptions& options) {
-  const auto recording = open(options);
-  if (!recording) return tl::unexpected(recording.error());
-  if (options.depth == "stereo" && !recording->has_stereo())
+  const auto source = open(options);
+  if (!source) return tl::unexpected(source.error());
+  if (options.depth == "stereo" && !source->has_stereo)
     return fail("stereo_missing", options.root.string() +
                                       " has no right images, or no baseline is known: stereo depth "
                                       "needs both; give depth files (--depth-dir) instead");
   Network network;
-  auto remark = open(network, options, recording->camera());
+  auto remark = open(network, options, source->camera);
   if (!remark) return tl::unexpected(remark.error());
-  const auto indices = spread_evenly(recording->size(), static_cast<std::size_t>(options.frames));
+  const auto indices = spread_evenly(source->names.size(), static_cast<std::size_t>(options.frames));
   std::vector<Reading> readings(indices.size());
   parallel_for(indices.size(), options.threads,
-               [&](std::size_t i) { readings[i] = read_frame(options, *recording, network, indices[i]); });
+               [&](std::size_t i) { readings[i] = read_frame(options, *source, network, indices[i]); });
 
-  Footage footage{recording->camera(), recording->T_camera_lidar(), {}, {}, *std::move(remark)};
+  Footage footage{source->camera, source->T_camera_lidar, {}, {}, *std::move(remark)};
   for (std::size_t i = 0; i < indices.size(); ++i) {
     Reading& reading = readings[i];
     if (!reading.pair) return tl::unexpected(reading.pair.error());
@@ -115,7 +161,7 @@ Result<Footage> Footage::read(const FootageOptions& options) {
     if (i == 0)
       if (auto plausible = check_extrinsic(footage.camera, footage.T_camera_lidar, reading.pair->scan); !plausible)
         return tl::unexpected(plausible.error());
-    const std::string& name = recording->frame_name(indices[i]);
+    const std::string& name = source->names[indices[i]];
     if (reading.useless)
       footage.left_out.push_back("frame " + name + " is left out: " + reading.useless->context);
     else

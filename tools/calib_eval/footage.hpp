@@ -13,10 +13,10 @@ namespace calib::eval {
 
 /// Which frames of which recording, and where their depth comes from.
 struct FootageOptions {
-  std::string dataset;  // kitti-raw, kitti-360 or list
+  std::string dataset;  // kitti-raw, kitti-360, list or sim: streets that are simulated
   std::filesystem::path root;
   std::string drive, camera;  // empty: the layout's usual camera
-  std::string depth;          // stereo or onnx:DESCRIPTOR; empty: from files
+  std::string depth;          // stereo, onnx:DESCRIPTOR or, of simulated streets, true; empty: from files
   std::filesystem::path depth_dir;
   std::string depth_kind;
   std::optional<double> depth_scale;
@@ -24,6 +24,8 @@ struct FootageOptions {
   std::uint64_t seed = 1;
   int frames = 25;
   int threads = 1;
+  int places = 8;        // sim: streets, of seeds from `seed` on
+  double period_s = 10;  // sim: of driving, between two frames
 };
 
 /// Frames that can be evaluated, with their depth. What is wrong with the others is in `left_out`, a sentence each.
@@ -44,9 +46,9 @@ struct Footage {
   static constexpr std::size_t fewest_frames = 3;
 
   /// Reads `options.frames` frames spread evenly over the recording (all, where it has no more), and makes or reads
-  /// their depth. Fails as opening the recording and reading its frames do; as `make_onnx_depth` and the network's
-  /// self-test do; with `extrinsic_implausible`; with `stereo_missing`; and with `too_few_frames`. Frames without
-  /// usable depth or overlap are left out.
+  /// their depth; or drives through simulated streets for them. Fails as opening the recording and reading its frames
+  /// do; as `make_onnx_depth` and the network's self-test do; with `extrinsic_implausible`; with `stereo_missing`; and
+  /// with `too_few_frames`. Frames without usable depth or overlap are left out.
   [[nodiscard]] static Result<Footage> read(const FootageOptions& options);
 
   /// Features of all frames at the recording's extrinsic. Fails as `make_features` does.

@@ -2,8 +2,8 @@
 
 #include <vector>
 
-#include "calib_eval/footage.hpp"
 #include "calib/search.hpp"
+#include "calib_eval/footage.hpp"
 
 namespace calib::eval {
 

@@ -26,23 +26,29 @@ class CommandLine {
  public:
   CommandLine(int argc, char** argv);
   Result<void> run() const { return command_(); }
-  CLI::App app{"How well an extrinsic is found on recorded frames, and what its score looks like", "calib-eval"};
+  CLI::App app{
+      "How well an extrinsic is found on recorded frames, what its score looks like, and how soon drift is noticed",
+      "calib-eval"};
 
  private:
   CLI::App* subcommand(const std::string& name, const std::string& what, std::function<Result<void>()> run);
-  void add_recording(CLI::App& to);
+  void add_recording(CLI::App& to, bool or_simulation = false);
   void add_objectives(CLI::App& to);
   void add_calibrate();
   void add_landscape(const std::string& name, const std::string& what, bool of_pairs);
+  void add_drift();
   void add_plot();
   void check_recording() const;
   void finish_calibrate();
+  void finish_drift(const CLI::App& drift);
 
   CommandWords words_;
   FootageOptions footage_;
   CalibrateOptions calibrate_;
   LandscapeOptions landscape_;
-  std::vector<std::string> objectives_, axis_pairs_;
+  DriftOptions drift_;
+  std::vector<std::string> objectives_, axis_pairs_, knocks_;
+  bool simulated_ = false;
   std::filesystem::path plotted_, plots_;
   int degrees_of_freedom_ = 0;
   std::function<Result<void>()> command_;
@@ -68,6 +74,7 @@ CommandLine::CommandLine(int argc, char** argv) : words_(telling_words(argc, arg
   add_calibrate();
   add_landscape("curve", "Scores along each axis about the recording's extrinsic", false);
   add_landscape("surface", "Scores over pairs of axes about the recording's extrinsic", true);
+  add_drift();
   add_plot();
 }
 
@@ -77,21 +84,34 @@ CLI::App* CommandLine::subcommand(const std::string& name, const std::string& wh
   return added;
 }
 
-void CommandLine::add_recording(CLI::App& to) {
-  to.add_option("--dataset", footage_.dataset, "Layout of the recording")
-      ->required()
-      ->check(CLI::IsMember({"kitti-raw", "kitti-360", "list"}));
-  to.add_option("--root", footage_.root, "DATE/DRIVE of kitti-raw, root of kitti-360, YAML file of a list")->required();
+void CommandLine::add_recording(CLI::App& to, bool or_simulation) {
+  auto* const dataset = to.add_option("--dataset", footage_.dataset, "Layout of the recording")
+                            ->check(CLI::IsMember({"kitti-raw", "kitti-360", "list"}));
+  auto* const root =
+      to.add_option("--root", footage_.root, "DATE/DRIVE of kitti-raw, root of kitti-360, YAML file of a list");
+  dataset->required(!or_simulation)->needs(root);
+  root->required(!or_simulation)->needs(dataset);
+  if (or_simulation) {
+    auto* const sim = to.add_flag("--sim", simulated_, "Simulated streets instead of a recording")->excludes(dataset);
+    to.add_option("--sim-places", footage_.places, "Streets, of seeds from --seed on")
+        ->needs(sim)
+        ->check(CLI::Range(1, 1000))
+        ->capture_default_str();
+  }
   to.add_option("--drive", footage_.drive, "Drive of kitti-360");
   to.add_option("--camera", footage_.camera,
                 "image_00 .. image_03; default image_02 of kitti-raw, image_00 of kitti-360");
-  auto* const source = to.add_option("--depth", footage_.depth, "Depth that is made: stereo, or onnx:DESCRIPTOR")
-                           ->check(CLI::Validator(
-                               [](const std::string& text) {
-                                 const bool known = text == "stereo" || (text.starts_with("onnx:") && text.size() > 5);
-                                 return known ? std::string() : text + " is neither stereo nor onnx:DESCRIPTOR";
-                               },
-                               "stereo|onnx:DESCRIPTOR"));
+  auto* const source =
+      to.add_option("--depth", footage_.depth,
+                    or_simulation ? "Depth that is made: stereo, onnx:DESCRIPTOR or, of simulated streets, true"
+                                  : "Depth that is made: stereo, or onnx:DESCRIPTOR")
+          ->check(CLI::Validator(
+              [or_simulation](const std::string& text) {
+                const bool known = text == "stereo" || (text.starts_with("onnx:") && text.size() > 5) ||
+                                   (or_simulation && text == "true");
+                return known ? std::string() : text + " is neither stereo nor onnx:DESCRIPTOR";
+              },
+              "stereo|onnx:DESCRIPTOR"));
   auto* const folder = to.add_option("--depth-dir", footage_.depth_dir, "Depth from the files of this folder");
   auto* const kind = to.add_option("--depth-kind", footage_.depth_kind, "disparity, inverse, depth or range")
                          ->check(parses(parse_depth_kind, "KIND"));
@@ -203,6 +223,60 @@ void CommandLine::add_landscape(const std::string& name, const std::string& what
     if (axis_pairs_.empty()) axis_pairs_ = {"roll:pitch", "roll:yaw", "pitch:yaw", "pitch:z", "yaw:y", "x:z"};
     for (const std::string& pair : axis_pairs_) landscape_.axis_pairs.push_back(*parse_axis_pair(pair));
   });
+}
+
+void CommandLine::add_drift() {
+  CLI::App* const added =
+      subcommand("drift", "How soon a LiDAR that moves is noticed, and how often one that does not raises an alarm",
+                 [this] { return drift(footage_, drift_, words_); });
+  add_recording(*added, true);
+  added->get_option("--frames")->default_str(std::to_string(usual_drift_frames));
+  auto* const knocks = added->add_option("--knock", knocks_, "How far LiDARs move, such as 0.25deg,10cm")
+                           ->delimiter(',')
+                           ->check(parses(parse_knock, "SIZE"));
+  added->add_option("--rate", drift_.rate_deg_per_hour, "They creep instead, so many degrees per hour")
+      ->excludes(knocks)
+      ->check(CLI::Range(0.001, 100.0));
+  added->add_option("--pairs", drift_.pairs, "Given up so many pairs after the LiDAR has begun to move")
+      ->check(CLI::Range(1, 100000));
+  added->add_option("--seeds", drift_.sequences, "Sequences of each movement")
+      ->check(CLI::Range(1, 100000))
+      ->capture_default_str();
+  added->add_option("--weeks", drift_.weeks, "Vehicle-weeks of LiDARs that do not move")
+      ->check(CLI::Range(0.01, 1e6))
+      ->capture_default_str();
+  added->add_option("--period-s", footage_.period_s, "Seconds between two pairs")
+      ->check(CLI::Range(0.01, 3600.0))
+      ->capture_default_str();
+  added->add_option("--driving-hours-per-week", drift_.driving_hours_per_week, "What makes a vehicle-week")
+      ->check(CLI::Range(0.01, 168.0))
+      ->capture_default_str();
+  added
+      ->add_option("--false-alerts-per-1000-vehicle-weeks", drift_.false_alerts_per_1000_vehicle_weeks,
+                   "What the monitor is set to")
+      ->check(CLI::Range(1e-6, 1e6))
+      ->capture_default_str();
+  added->add_option("--block", drift_.block, "Frames that stay together; default: the cube root of their number")
+      ->check(CLI::Range(1, 10000));
+  added->add_option("--json", drift_.json, "Write the result into this file");
+  added->parse_complete_callback([this, added] { finish_drift(*added); });
+}
+
+void CommandLine::finish_drift(const CLI::App& drift) {
+  if (drift.count("--frames") == 0) footage_.frames = usual_drift_frames;
+  if (simulated_) {
+    footage_.dataset = "sim";
+    if (footage_.depth.empty()) footage_.depth = "stereo";
+    if (!footage_.depth_dir.empty()) throw CLI::ExcludesError("--depth-dir", "--sim");
+    for (const char* name : {"--camera", "--drive"})
+      if (drift.count(name) > 0) throw CLI::ExcludesError(name, "--sim");
+  } else {
+    if (footage_.dataset.empty()) throw CLI::RequiredError("--dataset or --sim");
+    if (footage_.depth == "true") throw CLI::ValidationError("--depth", "true is for --sim");
+    check_recording();
+  }
+  if (knocks_.empty()) knocks_ = {"0.25deg", "0.5deg", "1deg", "10cm", "20cm"};
+  for (const std::string& knock : knocks_) drift_.knocks.push_back(*parse_knock(knock));
 }
 
 void CommandLine::add_plot() {

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Draws what calib-eval --json wrote: bull's-eye plots, hit rates, joint histograms, overlays, curves and surfaces."""
+"""Draws what calib-eval --json wrote: bull's-eye plots, hit rates, joint histograms, overlays, curves, surfaces, drift."""
 
 import argparse
 import json
@@ -21,6 +21,7 @@ AXES = ["roll", "pitch", "yaw", "x", "y", "z"]
 HIT_DEG, HIT_CM = 0.5, 20
 GOOD, BAD, STARTS = "#0072b2", "#d55e00", "#8c8c8c"
 LINES = ["#0072b2", "#d55e00", "#009e73", "#cc79a7"]
+VERDICTS = {"learning": "#d9d9d9", "blind": "#b3a2c7", "calibrated": "#d5ecd4", "suspect": "#ffe3a8", "drifted": "#f6b5a0"}
 VIEW_TITLES = {"start": "Before", "end": "After", "truth": "Recording's own extrinsic"}
 
 
@@ -238,12 +239,135 @@ def draw_surface(canvas, result, _base):
         canvas.save(figure, f"surfaces_{objective}")
 
 
+# --- drift ---
+
+def movement(entry):
+    return f"{entry['axis']} {entry['magnitude']:+g} {entry['unit']}"
+
+
+def timelines(canvas, entries):
+    """The verdict as a band of colour, and how near each axis's evidence comes to its limit."""
+    shown_before, shown = 20, set()
+    columns = min(3, len(entries))
+    rows = -(-len(entries) // columns)
+    figure, panels = plt.subplots(rows, columns, figsize=(4.6 * columns, 3.1 * rows + 0.9), layout="constrained", sharey=True,
+                                  squeeze=False)
+    for panel in panels.flat[len(entries):]:
+        panel.axis("off")
+    for panel, entry in zip(panels.flat, entries):
+        pairs = np.arange(len(entry["verdict"])) - entry["moved_at"] + 1
+        for pair, verdict in zip(pairs, entry["verdict"]):
+            panel.axvspan(pair - 0.5, pair + 0.5, color=VERDICTS[verdict], lw=0)
+        shown |= set(np.array(entry["verdict"])[pairs > -shown_before])
+        evidence = np.array(entry["evidence"])
+        own = AXES.index(entry["axis"])
+        for axis in range(6):
+            panel.plot(pairs, evidence[:, axis], color=LINES[0] if axis == own else STARTS, lw=2 if axis == own else 0.9,
+                       zorder=3 if axis == own else 2)
+        panel.axhline(1, color="0.3", lw=0.8, ls="--")
+        panel.axvline(0.5, color="0.1", lw=1.2)
+        panel.set(xlim=(max(pairs[0], -shown_before) - 0.5, pairs[-1] + 0.5), ylim=(0, 1.3), title=movement(entry),
+                  xlabel="pairs since the LiDAR has moved")
+    for row in panels:
+        row[0].set_ylabel("evidence / limit")
+    figure.suptitle("Verdict and evidence, one sequence each")
+    legend_below(figure, [Line2D([], [], color=LINES[0], lw=2, label="the axis itself"),
+                          Line2D([], [], color=STARTS, lw=0.9, label="the others"),
+                          *(Line2D([], [], color=colour, lw=8, label=name) for name, colour in VERDICTS.items()
+                            if name in shown)])
+    canvas.save(figure, "timelines")
+
+
+def groups(entries):
+    """Movements by unit, then axis: (magnitude to either side, entries)."""
+    found = {}
+    for entry in entries:
+        found.setdefault(entry["unit"], {}).setdefault(entry["axis"], {}).setdefault(abs(entry["magnitude"]), []).append(entry)
+    return found
+
+
+def delays(canvas, entries, limit):
+    """Median and 5 to 95 % of the delay, both sides together; a triangle where more than these 5 % are never found."""
+    units = groups(entries)
+    figure, panels = plt.subplots(1, len(units), figsize=(5.6 * len(units) + 0.6, 4.4), layout="constrained", squeeze=False,
+                                  sharey=True)
+    for panel, (unit, axes) in zip(panels[0], units.items()):
+        places = sorted({magnitude for magnitudes in axes.values() for magnitude in magnitudes})
+        for k, (axis, magnitudes) in enumerate(axes.items()):
+            for magnitude, found in magnitudes.items():
+                all_delays = sorted(np.inf if delay is None else delay for entry in found for delay in entry["delays"])
+                if not all_delays:
+                    continue
+                low, middle, high = (all_delays[max(0, int(np.ceil(share * len(all_delays))) - 1)] for share in (0.05, 0.5, 0.95))
+                at = places.index(magnitude) + 0.2 * (k - (len(axes) - 1) / 2)
+                colour = LINES[k % len(LINES)]
+                panel.plot([at, at], [min(low, limit), min(high, limit)], color=colour, lw=2)
+                panel.plot(at, min(middle, limit), "o", color=colour, ms=7, mfc=colour if middle <= limit else "white")
+                if high > limit:
+                    panel.plot(at, limit, "^", color=colour, ms=9)
+        panel.set(yscale="log", ylim=(1, 1.4 * limit), xlim=(-0.6, len(places) - 0.4), xticks=range(len(places)),
+                  xticklabels=[f"{place:g}" for place in places], xlabel=f"how far the LiDAR moves ({unit})")
+        panel.yaxis.set_major_formatter("{x:g}")
+        panel.grid(axis="y", color="0.9")
+        panel.legend(handles=[Line2D([], [], color=LINES[k % len(LINES)], marker="o", lw=2, label=axis)
+                              for k, axis in enumerate(axes)], frameon=False, loc="upper right", bbox_to_anchor=(1, 0.93))
+    panels[0, 0].set_ylabel("pairs until drifted")
+    figure.suptitle("Delay: median, 5 to 95 % of the sequences (triangle: more than 5 % are not found)")
+    canvas.save(figure, "delays")
+
+
+def operating_curve(canvas, points):
+    """False alarms that are allowed against those measured, and against the median delay of the worse side."""
+    allowed = [point["false_alerts_per_1000_vehicle_weeks"] for point in points]
+    curves = {}
+    for i, point in enumerate(points):
+        for unit, axes in groups(point["knocks"]).items():
+            for axis, magnitudes in axes.items():
+                for magnitude, sides in magnitudes.items():
+                    medians = [side["median_delay_pairs"] for side in sides]
+                    worst = np.nan if None in medians else max(medians)
+                    curves.setdefault((unit, magnitude), {}).setdefault(axis, [np.nan] * len(points))[i] = worst
+    columns = min(3, 1 + len(curves))
+    rows = -(-(1 + len(curves)) // columns)
+    figure, panels = plt.subplots(rows, columns, figsize=(4.4 * columns, 3.5 * rows + 0.4), layout="constrained", squeeze=False)
+    for panel in panels.flat[1 + len(curves):]:
+        panel.axis("off")
+    first = panels[0, 0]
+    ends = [allowed[0] / 3, allowed[-1] * 3]
+    first.plot(ends, ends, color="0.6", ls="--", lw=1)
+    for x, point in zip(allowed, points):
+        rate, upper = (point["null"][key] for key in ("rate_per_1000_vehicle_weeks", "upper95"))
+        if upper is not None:
+            first.plot([x, x], [rate or upper / 10, upper], color=LINES[0], lw=2)
+            first.plot(x, rate or upper, "o" if rate else "v", color=LINES[0], ms=7)
+    first.set(xscale="log", yscale="log", title="measured; up to the bound at 95 %", ylabel="false alarms")
+    highest = max((delay for curve in curves.values() for medians in curve.values() for delay in medians if delay == delay),
+                  default=1)
+    for panel, ((unit, magnitude), axes) in zip(panels.flat[1:], curves.items()):
+        for k, (axis, medians) in enumerate(axes.items()):
+            panel.plot(allowed, medians, color=LINES[k % len(LINES)], marker="o", ms=5, label=axis)
+        panel.set(xscale="log", ylim=(0, 1.1 * highest), title=f"{magnitude:g} {unit}", ylabel="median delay (pairs)")
+        panel.legend(frameon=False)
+    for panel in panels.flat[:1 + len(curves)]:
+        panel.set(xlim=ends, xlabel="allowed in 1000 vehicle-weeks")
+        panel.grid(color="0.92")
+    figure.suptitle("What allowing more false alarms would gain")
+    canvas.save(figure, "operating")
+
+
+def draw_drift(canvas, result, _base):
+    if result["timelines"]:
+        timelines(canvas, result["timelines"])
+    delays(canvas, result["knocks"], result["settings"]["pairs"])
+    operating_curve(canvas, result["operating"])
+
+
 def main():
     parser = argparse.ArgumentParser(prog="calib-eval plot", description=__doc__)
     parser.add_argument("--out", type=pathlib.Path, required=True, help="folder for the pictures")
     parser.add_argument("result", type=pathlib.Path)
     arguments = parser.parse_args()
-    draw = {"calibrate": draw_calibrate, "curve": draw_curve, "surface": draw_surface}
+    draw = {"calibrate": draw_calibrate, "curve": draw_curve, "surface": draw_surface, "drift": draw_drift}
     try:
         result = json.loads(arguments.result.read_text())
         if result["schema"] != 1:

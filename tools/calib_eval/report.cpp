@@ -167,8 +167,8 @@ Json to_json(const Figure& figure, std::size_t cell, const std::filesystem::path
 }
 
 Json to_json(const Curve& curve, Method method, int degrees_of_freedom) {
-  return {{"objective", to_string(method)},    {"dof", degrees_of_freedom}, {"axis", axis_names[curve.axis]},
-          {"unit", unit_of(curve.axis)},       {"offset", curve.offsets},   {"score", curve.scores}};
+  return {{"objective", to_string(method)}, {"dof", degrees_of_freedom}, {"axis", axis_names[curve.axis]},
+          {"unit", unit_of(curve.axis)},    {"offset", curve.offsets},   {"score", curve.scores}};
 }
 
 Json to_json(const Surface& surface, Method method, int degrees_of_freedom) {
@@ -212,8 +212,8 @@ std::vector<std::string> remarks(const Experiment& experiment) {
   const auto failed = std::ranges::find_if(experiment.runs, [](const Run& run) { return !run.result; });
   if (failed != experiment.runs.end())
     remarks.push_back(std::to_string(summarise(experiment.runs).failures) + " of " +
-                      std::to_string(experiment.runs.size()) + " searches failed, the first with: " +
-                      failed->result.error().context);
+                      std::to_string(experiment.runs.size()) +
+                      " searches failed, the first with: " + failed->result.error().context);
   return remarks;
 }
 

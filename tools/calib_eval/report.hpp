@@ -13,7 +13,7 @@ namespace calib::eval {
 /// In the order in which it is written.
 using Json = nlohmann::ordered_json;
 
-/// What every result begins with: what was done to which frames. `kind` is calibrate, curve or surface.
+/// What every result begins with: what was done to which frames. `kind` is calibrate, curve, surface or drift.
 [[nodiscard]] Json describe(const char* kind, const std::vector<std::string>& command, const FootageOptions& options,
                             const Footage& footage);
 

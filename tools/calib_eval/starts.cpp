@@ -46,10 +46,8 @@ std::vector<RigidTransform> starting_motions(const ErrorRange& range, bool with_
   std::vector<RigidTransform> motions;
   for (int i = 0; i < count; ++i) {
     Vector6 delta = Vector6::Zero();
-    if (!range.any_orientation())
-      delta.head<3>() = fibonacci_point(i, count) * range.rotation_deg * radians_per_degree;
-    if (with_translation)
-      delta.tail<3>() = fibonacci_point(other[i], count) * range.translation_cm * metres_per_cm;
+    if (!range.any_orientation()) delta.head<3>() = fibonacci_point(i, count) * range.rotation_deg * radians_per_degree;
+    if (with_translation) delta.tail<3>() = fibonacci_point(other[i], count) * range.translation_cm * metres_per_cm;
     RigidTransform motion = perturbation(delta);
     if (range.any_orientation()) motion.linear() = uniform_rotation(random).toRotationMatrix();
     motions.push_back(motion);

@@ -25,8 +25,8 @@ struct ErrorRange {
 /// `with_translation`, those of another point of it are (x, y, z): its points in a shuffled order, always the same one,
 /// so that the directions of the two have nothing to do with each other. With any orientation the rotation is drawn
 /// uniformly from SO(3) (Shoemake 1992) by `seed`, which matters for nothing else.
-[[nodiscard]] std::vector<RigidTransform> starting_motions(const ErrorRange& range, bool with_translation,
-                                                           int count, std::uint64_t seed);
+[[nodiscard]] std::vector<RigidTransform> starting_motions(const ErrorRange& range, bool with_translation, int count,
+                                                           std::uint64_t seed);
 
 /// Limits for a search from such starts: wider than they are, so that they do not tell the answer.
 /// 1.25 times the range, and 1 degree and 10 cm.

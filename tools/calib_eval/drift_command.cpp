@@ -1,0 +1,221 @@
+#include <cmath>
+#include <cstdlib>
+#include <iostream>
+#include <limits>
+
+#include "calib_eval/commands.hpp"
+#include "calib_eval/drift_report.hpp"
+#include "calib_eval/parallel.hpp"
+#include "calib_eval/progress.hpp"
+
+namespace calib::eval {
+namespace {
+
+constexpr double creeping_rung_rad = 0.125 * radians_per_degree;
+/// A LiDAR that creeps is given up when it has turned by so much.
+constexpr double farthest_rad = 1 * radians_per_degree;
+constexpr int usual_pairs = 100;
+/// The rest of the operating curve: how many times more false alarms are allowed, and how many are waited for at most.
+constexpr double allowances[] = {10, 100, 1000, 10000, 100000};
+constexpr double alarms_waited_for = 20;
+
+/// How a LiDAR is to move, and how that is told.
+struct Plan {
+  LadderPlan ladder;
+  double at_once = 0, per_pair = 0;
+  double magnitude = 0;
+  const char* unit = "";
+};
+
+double per_pair_rad(const FootageOptions& footage, const DriftOptions& options) {
+  return options.rate_deg_per_hour * radians_per_degree * footage.period_s / 3600;
+}
+
+int pairs_of(const FootageOptions& footage, const DriftOptions& options) {
+  if (options.pairs > 0) return options.pairs;
+  const double rate = per_pair_rad(footage, options);
+  return rate > 0 ? static_cast<int>(std::ceil(farthest_rad / rate)) : usual_pairs;
+}
+
+std::vector<Plan> plans_of(const FootageOptions& footage, const DriftOptions& options) {
+  std::vector<Plan> plans;
+  if (const double rate = per_pair_rad(footage, options); rate > 0) {
+    const double end = rate * (pairs_of(footage, options) + settling_pairs);
+    const int rungs = static_cast<int>(std::ceil(end / creeping_rung_rad));
+    for (int axis = 0; axis < 3; ++axis)
+      for (const int side : {1, -1})
+        plans.push_back(
+            {{axis, side * creeping_rung_rad, rungs}, 0, side * rate, side * options.rate_deg_per_hour, "deg/h"});
+    return plans;
+  }
+  for (const KnockSize& knock : options.knocks)
+    for (int axis = knock.rotation ? 0 : 3; axis < (knock.rotation ? 3 : 6); ++axis)
+      for (const int side : {1, -1}) {
+        const double moved = side * knock.size;
+        plans.push_back(
+            {{axis, moved, 1}, moved, 0, knock.rotation ? moved / radians_per_degree : moved * 100, unit_of(axis)});
+      }
+  return plans;
+}
+
+/// As the daemon judges: what a network guesses may be biased by more.
+bool depth_is_guessed(const FootageOptions& footage) { return footage.depth.starts_with("onnx:"); }
+
+Objective objective_for(const FootageOptions& footage) {
+  return depth_is_guessed(footage) ? final_objective(Method::standard, {true, true, true, false, false, false})
+                                   : depth_objective;
+}
+
+SequenceSettings settings_for(const FootageOptions& footage, const DriftOptions& options, std::size_t frames) {
+  SequenceSettings settings;
+  settings.block = options.block ? static_cast<std::size_t>(*options.block) : usual_block(frames);
+  settings.period_s = footage.period_s;
+  settings.driving_hours_per_week = options.driving_hours_per_week;
+  settings.seed = footage.seed;
+  settings.threads = footage.threads;
+  settings.drift.false_alarms_per_pair =
+      options.false_alerts_per_1000_vehicle_weeks / (1000 * settings.pairs_per_week());
+  if (depth_is_guessed(footage)) {
+    settings.drift.max_bias_rotation_rad = radians_per_degree;
+    settings.drift.max_bias_translation_m = std::numeric_limits<double>::infinity();
+  }
+  return settings;
+}
+
+/// What is measured, and how sequences of it are made.
+struct Study {
+  const FootageOptions& footage;
+  const DriftOptions& options;
+  DriftEvidence evidence;
+  std::vector<Plan> plans;
+  SequenceSettings settings;
+
+  [[nodiscard]] Movement movement(std::size_t plan) const {
+    return {&evidence.ladders[plan], plans[plan].at_once, plans[plan].per_pair};
+  }
+  [[nodiscard]] NullRun without_drift(const SequenceSettings& judged, double weeks) const;
+  [[nodiscard]] MovedRuns with_drift(const SequenceSettings& judged, std::size_t plan) const;
+  [[nodiscard]] OperatingPoint operating_point(double allowance) const;
+  [[nodiscard]] Json timelines(const std::vector<MovedRuns>& moved) const;
+};
+
+NullRun Study::without_drift(const SequenceSettings& judged, double weeks) const {
+  Progress progress("vehicles whose LiDAR stays", vehicles_for(weeks));
+  return drive_without_drift(evidence.still, judged, weeks, [&] { progress.step(); });
+}
+
+MovedRuns Study::with_drift(const SequenceSettings& judged, std::size_t plan) const {
+  const Plan& moves = plans[plan];
+  MovedRuns moved{moves.ladder.axis, moves.magnitude, moves.unit, std::vector<MovedRun>(options.sequences)};
+  const int pairs = pairs_of(footage, options);
+  parallel_for(moved.runs.size(), footage.threads,
+               [&](std::size_t i) { moved.runs[i] = drive_with(movement(plan), evidence.still, judged, pairs, i); });
+  return moved;
+}
+
+OperatingPoint Study::operating_point(double allowance) const {
+  SequenceSettings judged = settings;
+  judged.drift.false_alarms_per_pair *= allowance;
+  OperatingPoint point{options.false_alerts_per_1000_vehicle_weeks * allowance, {}, {}};
+  point.null = without_drift(
+      judged, std::min(options.weeks, 1000 * alarms_waited_for / point.false_alerts_per_1000_vehicle_weeks));
+  for (std::size_t plan = 0; plan < plans.size(); ++plan) point.moved.push_back(with_drift(judged, plan));
+  return point;
+}
+
+/// Of the first sequence of the smallest movement along each axis, to the positive side.
+Json Study::timelines(const std::vector<MovedRuns>& moved) const {
+  Json timelines = Json::array();
+  for (int axis = 0; axis < 6; ++axis) {
+    std::optional<std::size_t> smallest;
+    for (std::size_t i = 0; i < moved.size(); ++i)
+      if (moved[i].axis == axis && moved[i].magnitude > 0 &&
+          (!smallest || moved[i].magnitude < moved[*smallest].magnitude))
+        smallest = i;
+    if (!smallest) continue;
+    Timeline timeline{&moved[*smallest], 0, {}, {}};
+    const auto run = drive_with(movement(*smallest), evidence.still, settings, pairs_of(footage, options), 0,
+                                [&](const DriftMonitor& monitor, bool has_moved) { timeline.add(monitor, has_moved); });
+    if (run.learned) timelines.push_back(to_json(timeline));
+  }
+  return timelines;
+}
+
+Json describe_settings(const Study& study) {
+  const SequenceSettings& settings = study.settings;
+  return {{"block", settings.block},
+          {"period_s", settings.period_s},
+          {"driving_hours_per_week", settings.driving_hours_per_week},
+          {"false_alerts_per_1000_vehicle_weeks", study.options.false_alerts_per_1000_vehicle_weeks},
+          {"pairs", pairs_of(study.footage, study.options)},
+          {"baseline_pairs", settings.drift.baseline_pairs},
+          {"max_baseline_pairs", settings.drift.max_baseline_pairs}};
+}
+
+Result<Study> study_of(const FootageOptions& footage_options, const DriftOptions& options, const Footage& footage) {
+  Study study{footage_options,
+              options,
+              {},
+              plans_of(footage_options, options),
+              settings_for(footage_options, options, footage.frames.size())};
+  std::vector<LadderPlan> ladders;
+  for (const Plan& plan : study.plans) ladders.push_back(plan.ladder);
+  Progress progress("evidence", places_of(ladders) * footage.frames.size());
+  auto evidence =
+      measure(footage, ladders, objective_for(footage_options), footage_options.threads, [&] { progress.step(); });
+  if (!evidence) return tl::unexpected(evidence.error());
+  study.evidence = *std::move(evidence);
+  return study;
+}
+
+}  // namespace
+
+Result<KnockSize> parse_knock(const std::string& text) {
+  char* unit = nullptr;
+  const double number = std::strtod(text.c_str(), &unit);
+  const bool rotation = std::string_view(unit) == "deg";
+  const double most = rotation ? 5 : 50;
+  if ((!rotation && std::string_view(unit) != "cm") || !(number > 0) || number > most)
+    return fail("bad_knock", text + " is neither up to 5deg nor up to 50cm, and more than nothing");
+  return KnockSize{rotation, rotation ? number * radians_per_degree : number / 100};
+}
+
+Result<void> drift(const FootageOptions& footage_options, const DriftOptions& options, const CommandWords& words) {
+  auto footage = read_footage(footage_options);
+  if (!footage) return tl::unexpected(footage.error());
+  const std::size_t told = footage->left_out.size();
+  const auto enough = admit(*footage);
+  for (std::size_t i = told; i < footage->left_out.size(); ++i)
+    std::cerr << "calib-eval: " << escape_control(footage->left_out[i]) << '\n';
+  if (!enough) return enough;
+  Json result = describe("drift", words, footage_options, *footage);
+  if (!options.json.empty())  // before minutes of work
+    if (auto written = write_json(options.json, result); !written) return written;
+  const auto study = study_of(footage_options, options, *footage);
+  if (!study) return tl::unexpected(study.error());
+  result["settings"] = describe_settings(*study);
+
+  std::cout << footage->frames.size() << " frames, vector instructions " << vector_instructions() << ".\n"
+            << "Sequences are drawn from these frames, " << study->settings.block
+            << " neighbours at a time: what none of them shows happens in no sequence.\n\n";
+  const auto axes = sights(study->evidence.still, study->settings);
+  result["axes"] = to_json(axes);
+  std::cout << to_text(axes) << std::endl;
+  const NullRun null = study->without_drift(study->settings, options.weeks);
+  result["null"] = to_json(null);
+  std::cout << to_text(null) << '\n' << drift_heading() << std::endl;
+  std::vector<MovedRuns> moved;
+  result["knocks"] = Json::array();
+  for (std::size_t plan = 0; plan < study->plans.size(); ++plan) {
+    moved.push_back(study->with_drift(study->settings, plan));
+    result["knocks"].push_back(to_json(moved.back(), true));
+    std::cout << drift_line(moved.back()) << std::endl;
+  }
+  if (options.json.empty()) return {};
+  result["timelines"] = study->timelines(moved);
+  result["operating"] = {to_json(OperatingPoint{options.false_alerts_per_1000_vehicle_weeks, null, moved})};
+  for (const double allowance : allowances) result["operating"].push_back(to_json(study->operating_point(allowance)));
+  return write_json(options.json, result);
+}
+
+}  // namespace calib::eval

@@ -1,0 +1,79 @@
+#include "calib_eval/drift_evidence.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "calib/quality.hpp"
+#include "calib_eval/parallel.hpp"
+
+namespace calib::eval {
+AxisEvidence Ladder::at(double offset, std::size_t frame) const {
+  const double place = std::clamp(offset / step, 0.0, static_cast<double>(rungs.size() - 1));
+  const auto below = static_cast<std::size_t>(place);
+  const double share = place - static_cast<double>(below);
+  AxisEvidence between = rungs[below][frame];
+  if (share <= 0) return between;
+  const AxisEvidence& above = rungs[below + 1][frame];
+  between.slope += share * (above.slope - between.slope);
+  between.score += share * (above.score - between.score);
+  *between.response += share * (*above.response - *between.response);
+  return between;
+}
+
+Result<void> admit(Footage& footage) {
+  std::optional<SceneThumbnail> last;
+  std::vector<Footage::Frame> admitted;
+  for (Footage::Frame& frame : footage.frames) {
+    auto good = check_pair(frame.pair, footage.camera, last ? &*last : nullptr, {});
+    if (good) good = check_depth(frame.depth, {});
+    if (good) {
+      last = thumbnail(frame.pair.image);
+      admitted.push_back(std::move(frame));
+    } else {
+      footage.left_out.push_back("frame " + frame.name + " is left out: " + good.error().context);
+    }
+  }
+  footage.frames = std::move(admitted);
+  if (footage.frames.size() >= fewest_drift_frames) return {};
+  return fail("too_few_frames", std::to_string(footage.frames.size()) + " frames can be used, and at least " +
+                                    std::to_string(fewest_drift_frames) + " are needed to draw sequences from" +
+                                    (footage.left_out.empty() ? "" : "; " + footage.left_out.front()));
+}
+
+std::size_t places_of(const std::vector<LadderPlan>& plans) {
+  std::size_t places = 1;
+  for (const LadderPlan& plan : plans) places += static_cast<std::size_t>(plan.rungs);
+  return places;
+}
+
+Result<DriftEvidence> measure(const Footage& footage, const std::vector<LadderPlan>& plans, const Objective& objective,
+                              int threads, const std::function<void()>& done) {
+  const auto features = footage.features({.min_points = QualityLimits{}.min_points}, threads);
+  if (!features) return tl::unexpected(features.error());
+  DriftEvidence evidence;
+  evidence.still.resize(features->size());
+  struct Place {
+    Vector6 moved = Vector6::Zero();
+    std::vector<AxisEvidence>* found;
+  };
+  std::vector<Place> places{{Vector6::Zero(), &evidence.still}};
+  for (const LadderPlan& plan : plans)
+    evidence.ladders.push_back(
+        {plan.axis, plan.step, {plan.rungs + std::size_t{1}, std::vector<AxisEvidence>(features->size())}});
+  for (Ladder& ladder : evidence.ladders)
+    for (std::size_t rung = 1; rung < ladder.rungs.size(); ++rung)
+      places.push_back({Vector6::Unit(ladder.axis) * ladder.step * static_cast<double>(rung), &ladder.rungs[rung]});
+  parallel_for(places.size() * features->size(), threads, [&](std::size_t i) {
+    const Place& place = places[i / features->size()];
+    const FeatureSet& frame = (*features)[i % features->size()];
+    const RigidTransform in_force = footage.T_camera_lidar * perturbation(place.moved).inverse();
+    AxisEvidence& found = (*place.found)[i % features->size()];
+    found = axis_evidence(evaluate_stencil(frame, in_force, {}, objective), {});
+    found.response = evaluate_response(frame, in_force, {}, objective);
+    done();
+  });
+  for (Ladder& ladder : evidence.ladders) ladder.rungs[0] = evidence.still;
+  return evidence;
+}
+
+}  // namespace calib::eval

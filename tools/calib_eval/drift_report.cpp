@@ -1,0 +1,224 @@
+#include "calib_eval/drift_report.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+namespace calib::eval {
+namespace {
+
+double shown(int axis, double value) { return is_rotation(axis) ? value / radians_per_degree : value * 100; }
+
+/// Value of rank ceil(share * n).
+template <typename T>
+std::optional<T> quantile(std::vector<T> values, double share) {
+  if (values.empty()) return std::nullopt;
+  std::ranges::sort(values);
+  const auto rank = static_cast<std::size_t>(std::ceil(share * static_cast<double>(values.size())));
+  return values[std::max<std::size_t>(rank, 1) - 1];
+}
+
+template <typename T>
+Json or_null(const std::optional<T>& value) {
+  return value ? Json(*value) : Json(nullptr);
+}
+
+template <typename... Values>
+std::string text(const char* format, Values... values) {
+  char buffer[192];
+  std::snprintf(buffer, sizeof buffer, format, values...);
+  return buffer;
+}
+
+const char* name_of(DriftVerdict verdict) {
+  switch (verdict) {
+    case DriftVerdict::learning:
+      return "learning";
+    case DriftVerdict::blind:
+      return "blind";
+    case DriftVerdict::calibrated:
+      return "calibrated";
+    case DriftVerdict::suspect:
+      return "suspect";
+    case DriftVerdict::drifted:
+      return "drifted";
+  }
+  return "";
+}
+
+std::string pairs_text(const std::optional<int>& pairs) { return pairs ? text("%d pairs", *pairs) : "never"; }
+
+}  // namespace
+
+std::array<AxisSight, 6> sights(const std::vector<AxisEvidence>& still, const SequenceSettings& settings) {
+  constexpr int vehicles = 101;
+  std::array<std::vector<double>, 6> sigmas, noticeable;
+  for (int vehicle = 0; vehicle < vehicles; ++vehicle) {
+    const auto monitor = experienced_monitor(still, settings, vehicle);
+    if (!monitor) continue;
+    const DriftBaseline& baseline = monitor->state().baseline;
+    for (int axis = 0; axis < 6; ++axis) {
+      const bool seen = baseline.observable(axis);
+      sigmas[axis].push_back(seen ? baseline.spread(axis) / std::abs(baseline.response(axis, axis)) : INFINITY);
+      noticeable[axis].push_back(monitor->noticeable_shift(axis));
+    }
+  }
+  std::array<AxisSight, 6> sights;
+  const auto finite = [](int axis, const std::optional<double>& value) {
+    return value && std::isfinite(*value) ? std::optional(shown(axis, *value)) : std::nullopt;
+  };
+  for (int axis = 0; axis < 6; ++axis)
+    sights[axis] = {finite(axis, quantile(sigmas[axis], 0.5)), finite(axis, quantile(noticeable[axis], 0.5))};
+  return sights;
+}
+
+MovedRuns::Summary MovedRuns::summarise() const {
+  Summary summary;
+  std::vector<double> delays, errors, first_errors;
+  for (const MovedRun& run : runs) {
+    if (!run.learned) continue;
+    ++summary.sequences;
+    summary.detected += run.delay.has_value();
+    summary.foretold += !run.delay && !run.noticeable;
+    delays.push_back(run.delay ? static_cast<double>(*run.delay) : INFINITY);
+    if (run.error) first_errors.push_back(std::abs(shown(axis, *run.error)));
+    if (run.settled_error) errors.push_back(std::abs(shown(axis, *run.settled_error)));
+  }
+  const auto pairs = [&](double share) -> std::optional<int> {
+    const auto delay = quantile(delays, share);
+    if (!delay || !std::isfinite(*delay)) return std::nullopt;
+    return static_cast<int>(*delay);
+  };
+  summary.median_delay = pairs(0.5);
+  summary.p95_delay = pairs(0.95);
+  summary.estimate_error = quantile(errors, 0.5);
+  summary.first_estimate_error = quantile(first_errors, 0.5);
+  return summary;
+}
+
+void Timeline::add(const DriftMonitor& monitor, bool moved) {
+  if (!moved) ++moved_at;
+  verdicts.push_back(monitor.verdict());
+  std::array<double, 6> now{};
+  for (int axis = 0; axis < 6; ++axis)
+    for (const auto& side : monitor.state().charts[axis])
+      for (std::size_t i = 0; i < side.size(); ++i)
+        now[axis] = std::max(now[axis],
+                             side[i].sum / cusum_limit(cusum_references[i], monitor.settings().false_alarms_per_pair));
+  evidence.push_back(now);
+}
+
+Json to_json(const NullRun& run) {
+  return {{"sequences", run.sequences},
+          {"decisions", run.decisions},
+          {"false_alarms", run.false_alarms},
+          {"rate_per_1000_vehicle_weeks", or_null(run.per_1000_weeks())},
+          {"upper95", or_null(run.upper95_per_1000_weeks())},
+          {"vehicle_weeks", run.weeks},
+          {"false_alarms_from_start", run.from_start},
+          {"false_suspects", run.false_suspects},
+          {"pairs_learning", run.learning},
+          {"pairs_blind", run.blind}};
+}
+
+Json to_json(const MovedRuns& runs, bool with_delays) {
+  const MovedRuns::Summary summary = runs.summarise();
+  Json json{{"axis", axis_names[runs.axis]},
+            {"magnitude", runs.magnitude},
+            {"unit", runs.unit},
+            {"sequences", summary.sequences},
+            {"detected", summary.detected},
+            {"median_delay_pairs", or_null(summary.median_delay)},
+            {"p95_delay_pairs", or_null(summary.p95_delay)},
+            {"estimate_error", or_null(summary.estimate_error)},
+            {"estimate_error_at_detection", or_null(summary.first_estimate_error)},
+            {"missed_as_foretold", summary.foretold},
+            {"without_baseline", static_cast<int>(runs.runs.size()) - summary.sequences}};
+  if (!with_delays) return json;
+  json["delays"] = json["moved_after"] = Json::array();
+  for (const MovedRun& run : runs.runs) {
+    if (!run.learned) continue;
+    json["delays"].push_back(or_null(run.delay));
+    json["moved_after"].push_back(run.pairs_before);
+  }
+  return json;
+}
+
+Json to_json(const Timeline& timeline) {
+  Json json{{"axis", axis_names[timeline.of->axis]},
+            {"magnitude", timeline.of->magnitude},
+            {"unit", timeline.of->unit},
+            {"moved_at", timeline.moved_at},
+            {"verdict", Json::array()},
+            {"evidence", Json::array()}};
+  for (const DriftVerdict verdict : timeline.verdicts) json["verdict"].push_back(name_of(verdict));
+  for (const auto& evidence : timeline.evidence) json["evidence"].push_back(evidence);
+  return json;
+}
+
+Json to_json(const std::array<AxisSight, 6>& sights) {
+  Json axes = Json::array();
+  for (int axis = 0; axis < 6; ++axis)
+    axes.push_back({{"axis", axis_names[axis]},
+                    {"unit", unit_of(axis)},
+                    {"sigma_of_pair", or_null(sights[axis].sigma_of_pair)},
+                    {"noticeable", or_null(sights[axis].noticeable)}});
+  return axes;
+}
+
+Json to_json(const OperatingPoint& point) {
+  Json json{{"false_alerts_per_1000_vehicle_weeks", point.false_alerts_per_1000_vehicle_weeks},
+            {"null", to_json(point.null)},
+            {"knocks", Json::array()}};
+  for (const MovedRuns& runs : point.moved) json["knocks"].push_back(to_json(runs, false));
+  return json;
+}
+
+std::string to_text(const std::array<AxisSight, 6>& sights) {
+  std::string lines = text("%-6s  %16s  %24s\n", "axis", "sigma of a pair", "noticed within 100 pairs");
+  const auto value = [](const std::optional<double>& of, int axis) {
+    return of ? text("%.2f %s", *of, unit_of(axis)) : "not observable";
+  };
+  for (int axis = 0; axis < 6; ++axis)
+    lines += text("%-6s  %16s  %24s\n", std::string(axis_names[axis]).c_str(),
+                  value(sights[axis].sigma_of_pair, axis).c_str(), value(sights[axis].noticeable, axis).c_str());
+  return lines;
+}
+
+std::string to_text(const NullRun& run) {
+  std::string lines = text("LiDAR in its place: %lld vehicles, %.0f vehicle-weeks with a verdict\n",
+                           static_cast<long long>(run.sequences), run.weeks);
+  const auto upper = run.upper95_per_1000_weeks();
+  if (!upper) return lines + "  no verdict at all: these frames let nothing be judged\n";
+  lines += run.false_alarms == 0 ? text("  no false alarm: at most %.3g in 1000 vehicle-weeks, at 95 %%\n", *upper)
+                                 : text("  %lld false alarms: %.3g in 1000 vehicle-weeks, at most %.3g at 95 %%\n",
+                                        static_cast<long long>(run.false_alarms), *run.per_1000_weeks(), *upper);
+  if (run.from_start > 0)
+    lines += text("  %lld of them before a baseline was learned: the depth's own bias is taken for misalignment\n",
+                  static_cast<long long>(run.from_start));
+  lines +=
+      text("  %.3g false suspects in 1000 vehicle-weeks\n", 1000 * static_cast<double>(run.false_suspects) / run.weeks);
+  if (run.blind > 0)
+    lines += text("  %.3g %% of the pairs without a verdict: too unsure\n",
+                  100 * static_cast<double>(run.blind) / static_cast<double>(run.blind + run.learning + run.decisions));
+  return lines;
+}
+
+std::string drift_heading() {
+  return text("%-18s  %12s  %6s  %8s  %12s  %11s  %15s", "LiDAR moved by", "found", "missed", "foretold",
+              "median delay", "95 %", "estimate off by");
+}
+
+std::string drift_line(const MovedRuns& runs) {
+  const MovedRuns::Summary summary = runs.summarise();
+  const std::string moved =
+      text("%-5s  %+.3g %s", std::string(axis_names[runs.axis]).c_str(), runs.magnitude, runs.unit.c_str());
+  if (summary.sequences == 0) return text("%-18s  no baseline is ever learned", moved.c_str());
+  const int missed = summary.sequences - summary.detected;
+  return text("%-18s  %12s  %6d  %8d  %12s  %11s  %15s", moved.c_str(),
+              text("%d of %d", summary.detected, summary.sequences).c_str(), missed, summary.foretold,
+              pairs_text(summary.median_delay).c_str(), pairs_text(summary.p95_delay).c_str(),
+              summary.estimate_error ? text("%.2g %s", *summary.estimate_error, unit_of(runs.axis)).c_str() : "-");
+}
+
+}  // namespace calib::eval

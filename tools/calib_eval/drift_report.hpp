@@ -1,0 +1,68 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "calib_eval/drift_sequences.hpp"
+#include "calib_eval/report.hpp"
+
+namespace calib::eval {
+
+/// What a monitor sees along an axis once its baseline is as good as it gets, median over vehicles: standard deviation
+/// of the offset that one pair tells, and the shift that it would notice within a hundred pairs. Degrees or cm; nothing
+/// where the axis is not observable.
+struct AxisSight {
+  std::optional<double> sigma_of_pair, noticeable;
+};
+[[nodiscard]] std::array<AxisSight, 6> sights(const std::vector<AxisEvidence>& still, const SequenceSettings& settings);
+
+/// All sequences of one movement.
+struct MovedRuns {
+  int axis = 0;
+  double magnitude = 0;  // signed, in `unit`
+  std::string unit;      // deg, cm, or deg/h for a LiDAR that creeps
+  std::vector<MovedRun> runs;
+
+  struct Summary {
+    int sequences = 0;  // those with a baseline
+    int detected = 0;
+    int foretold = 0;  // not detected, and the monitor had said that it would not notice
+    /// Over all sequences, those without a detection last: nothing when it falls among them.
+    std::optional<int> median_delay, p95_delay;
+    /// Medians of the error's size over the detected ones, deg or cm: `settling_pairs` after "drifted", and at it.
+    std::optional<double> estimate_error, first_estimate_error;
+  };
+  [[nodiscard]] Summary summarise() const;
+};
+
+/// One sequence, pair after pair.
+struct Timeline {
+  const MovedRuns* of = nullptr;
+  std::size_t moved_at = 0;  // number of the first pair after the LiDAR has moved
+  std::vector<DriftVerdict> verdicts;
+  /// Of each axis, what the chart that comes nearest to its limit has of that.
+  std::vector<std::array<double, 6>> evidence;
+
+  void add(const DriftMonitor& monitor, bool moved);
+};
+
+/// Null and movements, judged by a monitor that may give so many false alarms.
+struct OperatingPoint {
+  double false_alerts_per_1000_vehicle_weeks = 0;
+  NullRun null;
+  std::vector<MovedRuns> moved;
+};
+
+[[nodiscard]] Json to_json(const NullRun& run);
+[[nodiscard]] Json to_json(const MovedRuns& runs, bool with_delays);
+[[nodiscard]] Json to_json(const Timeline& timeline);
+[[nodiscard]] Json to_json(const std::array<AxisSight, 6>& sights);
+[[nodiscard]] Json to_json(const OperatingPoint& point);
+
+/// Lines of standard output.
+[[nodiscard]] std::string to_text(const std::array<AxisSight, 6>& sights);
+[[nodiscard]] std::string to_text(const NullRun& run);
+[[nodiscard]] std::string drift_heading();
+[[nodiscard]] std::string drift_line(const MovedRuns& runs);
+
+}  // namespace calib::eval
