@@ -1,38 +1,70 @@
 #include "calib/recalibrate.hpp"
 
-#include <cmath>
-#include <cstdio>
+#include <algorithm>
 #include <string>
-#include <vector>
+
+#include "recalibration_gates.hpp"
 
 namespace calib {
 namespace {
 
-/// How much better `after` is than `before`, frame by frame: mean difference of the scores and its standard error.
-struct Gain {
-  double mean = 0, standard_error = 0;
-  [[nodiscard]] bool exceeds(double sigmas) const { return mean > sigmas * standard_error && mean > 0; }
-};
-Gain gain(Frames frames, const RigidTransform& before, const RigidTransform& after, const Objective& objective) {
-  std::vector<double> differences;
-  Gain result;
-  for (const FeatureSet* frame : frames) {
-    differences.push_back(score(*frame, after, objective).value - score(*frame, before, objective).value);
-    result.mean += differences.back();
-  }
-  const auto n = static_cast<double>(frames.size());
-  result.mean /= n;
-  double squares = 0;
-  for (double difference : differences) squares += (difference - result.mean) * (difference - result.mean);
-  result.standard_error = std::sqrt(squares / (n - 1) / n);
-  return result;
+constexpr std::array<bool, 6> rotation_axes{true, true, true, false, false, false};
+
+bool any(const std::array<bool, 6>& axes) {
+  return std::ranges::any_of(axes, [](bool axis) { return axis; });
 }
 
-std::string in_words(const Gain& gained) {
-  char text[96];
-  std::snprintf(text, sizeof text, "score on pairs held back changes by %+.4f +- %.4f", gained.mean,
-                gained.standard_error);
-  return text;
+std::string names_of(const std::array<bool, 6>& axes) {
+  std::string names;
+  for (int axis = 0; axis < 6; ++axis)
+    if (axes[axis]) names += (names.empty() ? "" : ", ") + std::string(axis_names[axis]);
+  return names;
+}
+
+/// A search's result, and which axes it was free to move.
+struct Found {
+  SearchResult result;
+  std::array<bool, 6> released{};
+  Uncertainty uncertainty;
+  /// Axes that were to be moved and had to be left, as the frames tell nothing of them.
+  std::array<bool, 6> left{};
+};
+
+/// Searches with the axes `wanted`; again without those that turn out not to be observable.
+Result<Found> search_observable(Frames fit, const RigidTransform& T, SearchResult first,
+                                const std::array<bool, 6>& wanted, const SearchBounds& bounds, int& evaluations) {
+  Found found{.result = std::move(first), .released = wanted, .uncertainty = {}, .left = {}};
+  while (true) {
+    const SearchSettings settings{.bounds = bounds, .released = found.released};
+    found.uncertainty = uncertainty(fit, found.result.T_camera_lidar, found.result.objective, settings);
+    std::array<bool, 6> kept = found.released;
+    for (int axis = 0; axis < 6; ++axis) {
+      kept[axis] = kept[axis] && found.uncertainty.observable[axis];
+      found.left[axis] = wanted[axis] && !kept[axis];
+    }
+    if (kept == found.released) return found;
+    found.released = kept;
+    if (!any(kept)) return found;
+    auto again = search(fit, T, Method::standard, {.bounds = bounds, .released = kept});
+    if (!again) return tl::unexpected(again.error());
+    evaluations += again->evaluations;
+    found.result = *std::move(again);
+  }
+}
+
+/// The first gate's objection.
+Result<Objection> judge(const Candidate& candidate, const Gain& held_back, const RecalibrationSettings& settings,
+                        int& evaluations) {
+  if (auto no = no_rotation_observable(candidate)) return no;
+  if (auto no = outside_bounds(candidate)) return no;
+  if (auto no = no_more_than_bias(candidate, settings)) return no;
+  if (auto no = not_better(held_back, settings)) return no;
+  if (settings.expected)
+    if (auto no = contradicts_expectation(candidate, *settings.expected)) return no;
+  if (auto no = contradicts_intensity(candidate)) return no;
+  if (settings.normal)
+    if (auto no = score_is_not_normal(candidate, *settings.normal)) return no;
+  return not_repeatable(candidate, evaluations);
 }
 
 }  // namespace
@@ -42,7 +74,7 @@ Result<Recalibration> recalibrate(Frames fit, Frames held_back, const RigidTrans
   if (fit.size() < 3 || held_back.size() < 2)
     return fail("too_few_pairs", std::to_string(fit.size()) + " pairs to fit and " + std::to_string(held_back.size()) +
                                      " held back; at least 3 and 2 are needed");
-  const SearchSettings rotation{.bounds = settings.bounds, .released = {true, true, true, false, false, false}};
+  const SearchSettings rotation{.bounds = settings.bounds, .released = rotation_axes};
   const SearchSettings everything{.bounds = settings.bounds};
   const auto rotated = search(fit, T_camera_lidar, Method::standard, rotation);
   if (!rotated) return tl::unexpected(rotated.error());
@@ -51,33 +83,38 @@ Result<Recalibration> recalibrate(Frames fit, Frames held_back, const RigidTrans
   const Objective& objective = moved->objective;
 
   Recalibration result;
-  result.translation_changed =
+  result.evaluations = rotated->evaluations + (settings.translation ? moved->evaluations : 0);
+  const bool translated =
       gain(held_back, rotated->T_camera_lidar, moved->T_camera_lidar, objective).exceeds(settings.min_gain_sigmas);
-  const SearchResult& found = result.translation_changed ? *moved : *rotated;
-  result.T_camera_lidar = found.T_camera_lidar;
-  result.delta = found.delta;
-  result.sigma = uncertainty(fit, result.T_camera_lidar, objective, everything).sigma();
-  if (!result.translation_changed)
-    result.sigma.head<3>() = uncertainty(fit, result.T_camera_lidar, rotated->objective, rotation).sigma().head<3>();
+  const auto found =
+      search_observable(fit, T_camera_lidar, translated ? *moved : *rotated,
+                        translated ? everything.released : rotation.released, settings.bounds, result.evaluations);
+  if (!found) return tl::unexpected(found.error());
+  result.moved = found->released;
+  result.T_camera_lidar = found->result.T_camera_lidar;
+  result.delta = found->result.delta;
+  result.sigma = found->uncertainty.sigma();
+  if (!translated)
+    result.sigma.tail<3>() = uncertainty(fit, result.T_camera_lidar, objective, everything).sigma().tail<3>();
   result.score_before = mean_score(fit, T_camera_lidar, objective).value;
   result.score_after = mean_score(fit, result.T_camera_lidar, objective).value;
   result.held_back_before = mean_score(held_back, T_camera_lidar, objective).value;
   result.held_back_after = mean_score(held_back, result.T_camera_lidar, objective).value;
-  result.evaluations = rotated->evaluations + (settings.translation ? moved->evaluations : 0);
 
-  if (found.ends_at_limit) {
-    result.reason = "outside the bounds: " + found.reason;
-    return result;
-  }
-  if (result.delta.head<3>().norm() < settings.min_change_rotation_rad &&
-      result.delta.tail<3>().norm() <= settings.min_change_translation_m) {
-    result.reason = "the change is no larger than the depth source's own bias may be, and there is no sign of drift";
-    return result;
-  }
+  const Candidate candidate{.fit = fit,
+                            .held_back = held_back,
+                            .T_before = T_camera_lidar,
+                            .T_after = result.T_camera_lidar,
+                            .delta = result.delta,
+                            .covariance = found->uncertainty.bootstrap_covariance,
+                            .released = found->released,
+                            .at_limit = found->result.ends_at_limit ? found->result.reason : ""};
   const Gain gained = gain(held_back, T_camera_lidar, result.T_camera_lidar, objective);
-  result.accepted = gained.exceeds(settings.min_gain_sigmas);
-  result.reason =
-      (result.accepted ? "better on pairs held back: " : "not better on pairs held back: ") + in_words(gained);
+  auto objection = judge(candidate, gained, settings, result.evaluations);
+  if (!objection) return tl::unexpected(objection.error());
+  result.accepted = !objection->has_value();
+  result.reason = result.accepted ? "better on pairs held back: " + held_back_in_words(gained) : std::move(**objection);
+  if (any(found->left)) result.reason += "; not observable and left as it was: " + names_of(found->left);
   return result;
 }
 

@@ -11,7 +11,7 @@ ORDER = ("result sha256 config_node wall_time geometry axis_words camera frame p
 BESIDE = {"camera_models": "camera", "depth_stereo": "depth", "stereo_rectification": "depth", "depth_topic": "depth", "depth_onnx": "depth",
           "model_file": "depth_model", "network_image": "depth", "onnx_network": "depth",
           "joint_histogram": "mutual_information", "rotation_grid": "search", "search_steps": "search",
-          "uncertainty": "search",
+          "uncertainty": "search", "recalibration_gates": "recalibrate",
           "json_fields": "record"}
 
 FOREIGN = re.compile(r"^(dds/|cyclonedds|spdlog/|fmt/|systemd/|CLI/|mosquitto)")

@@ -1,0 +1,51 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "calib/recalibrate.hpp"
+
+namespace calib {
+
+/// An extrinsic that a search has found, and what it takes to judge it.
+struct Candidate {
+  Frames fit, held_back;
+  RigidTransform T_before, T_after;
+  /// Of the LiDAR, from before to after, and how sure that is.
+  Vector6 delta = Vector6::Zero();
+  Matrix6 covariance = Matrix6::Zero();
+  /// Axes that the search was free to move.
+  std::array<bool, 6> released{};
+  /// Why its search ended, in words, when that was at a bound; else empty.
+  std::string at_limit;
+
+  [[nodiscard]] std::vector<const FeatureSet*> all_frames() const;
+};
+
+/// How much better `after` is than `before`, frame by frame: mean difference of the scores and its standard error.
+struct Gain {
+  double mean = 0, standard_error = 0;
+  [[nodiscard]] bool exceeds(double sigmas) const { return mean > sigmas * standard_error && mean > 0; }
+};
+[[nodiscard]] Gain gain(Frames frames, const RigidTransform& before, const RigidTransform& after,
+                        const Objective& objective);
+
+/// "score on pairs held back changes by +0.0123 +- 0.0040".
+[[nodiscard]] std::string held_back_in_words(const Gain& held_back);
+
+/// Why a candidate must not be used, in words; nothing when the gate lets it pass.
+using Objection = std::optional<std::string>;
+
+/// In the order of recalibrate.hpp; of two that would both object, the first is named.
+[[nodiscard]] Objection no_rotation_observable(const Candidate& candidate);
+[[nodiscard]] Objection outside_bounds(const Candidate& candidate);
+[[nodiscard]] Objection no_more_than_bias(const Candidate& candidate, const RecalibrationSettings& settings);
+[[nodiscard]] Objection not_better(const Gain& held_back, const RecalibrationSettings& settings);
+[[nodiscard]] Objection contradicts_expectation(const Candidate& candidate, const Expectation& expected);
+[[nodiscard]] Objection contradicts_intensity(const Candidate& candidate);
+[[nodiscard]] Objection score_is_not_normal(const Candidate& candidate, const NormalScore& normal);
+/// The only one that takes long. Fails as `search` does; `evaluations` is added to.
+[[nodiscard]] Result<Objection> not_repeatable(const Candidate& candidate, int& evaluations);
+
+}  // namespace calib
