@@ -226,7 +226,8 @@ def car(bin_dir, dds_domain, slowdown, tmp_path_factory):
     """The vehicle, calibd, and a way to ask calibctl."""
     folder = tmp_path_factory.mktemp("doctor")
     sim = [bin_dir / "calib-sim", "--domain", dds_domain, *STREET]
-    printed = subprocess.run([str(word) for word in [*sim, "--print-config"]], capture_output=True, text=True, check=True)
+    front = [*sim, "--motion-topic", "/imu/data"]
+    printed = subprocess.run([str(word) for word in [*front, "--print-config"]], capture_output=True, text=True, check=True)
     right, = yaml.YAML(typ="safe").load(printed.stdout)["pairs"]
     subprocess.run([bin_dir / "calibctl", "keygen", "--out", folder / "signing.key"], check=True, capture_output=True)
     config = folder / "calibd.yaml"
@@ -239,7 +240,7 @@ def car(bin_dir, dds_domain, slowdown, tmp_path_factory):
                                text=True, timeout=300 * slowdown, check=False)
         return types.SimpleNamespace(exit=ended.returncode, out=ended.stdout, err=ended.stderr)
 
-    with running(sim, folder / "sim.log"), running(rear, folder / "rear.log"), Clouds(dds_domain), \
+    with running(front, folder / "sim.log"), running(rear, folder / "rear.log"), Clouds(dds_domain), \
             running([bin_dir / "calibd", "--config", config], folder / "calibd.log") as calibd:
         deadline = time.monotonic() + 60 * slowdown
         while ask("status").exit != DONE:
@@ -283,7 +284,7 @@ def test_all_twelve_are_named(answer):
 def test_nothing_is_wrong_with_a_healthy_pair(answer, pair):
     found = checks_of(answer, pair)
     assert {name: check for name, check in found.items() if check["result"] != "ok"} == {}
-    expected = {"image", "cloud", "camera_info", "clock", "pairing", "image_size", "lens", "cloud_range", "scene", "depth",
+    expected = {"image", "cloud", "motion_topic", "camera_info", "clock", "pairing", "image_size", "lens", "cloud_range", "scene", "depth",
                 "extrinsic", "agreement"}
     assert expected <= set(found)
 

@@ -47,6 +47,8 @@ def test_help_is_an_answer_and_nonsense_is_a_usage_error(program):
         ["--frame", "3"],
         ["--lidar-dropout", "2"],
         ["--width", "10"],
+        ["--cloud-late-ms", "-1"],
+        ["--motion-as", "imu"],
     ],
 )
 def test_options_out_of_bounds_are_usage_errors(arguments):
@@ -129,6 +131,19 @@ def test_a_wrong_interface_is_an_error_with_a_name():
     assert (
         done.stderr.splitlines()[-1].startswith("dds_failed: domain ") and "no-such-interface" in done.stderr
     )
+
+
+def test_a_recorded_drive_does_not_know_how_the_vehicle_turned(drive):
+    done = run("calib-replay", drive, "--domain", DOMAIN, "--motion-topic", "/imu/data")
+    assert done.returncode == 1 and done.stdout == ""
+    assert done.stderr.startswith("no_motion: ") and "leave out --motion-topic" in done.stderr
+
+
+@pytest.mark.parametrize("words, expected", [([], "type: imu"), (["--motion-as", "odometry"], "type: odometry")])
+def test_print_config_names_the_topic_of_motion(words, expected):
+    done = run("calib-sim", *SMALL, "--motion-topic", "/motion", *words, "--print-config")
+    assert done.returncode == 0, done.stderr
+    assert f"    motion: {{topic: /motion, {expected}}}\n" in done.stdout
 
 
 def test_print_config_describes_the_vehicle(drive):

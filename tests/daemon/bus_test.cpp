@@ -2,6 +2,7 @@
 
 #include <chrono>
 #include <cstdlib>
+#include <limits>
 #include <map>
 #include <opencv2/imgcodecs.hpp>
 #include <thread>
@@ -95,6 +96,37 @@ TEST_CASE("a window receives every topic of its pair, from reliable and from bes
   CHECK(find<DecodedCloud>(samples)->points.size() == 6);
   REQUIRE(find<CameraInfo>(samples));
   CHECK(find<CameraInfo>(samples)->D.size() == 5);
+}
+
+TEST_CASE("of how the vehicle turns every sample is kept, by an IMU and by odometry") {
+  bus();
+  const auto imu = require_ok(make_writer(peer().participant(), imu_type, "/imu", reliable));
+  const auto odometry = require_ok(make_writer(peer().participant(), odometry_type, "/odom", best_effort));
+  PairTopics by_imu = topics, by_odometry = topics;
+  by_imu.motion = MotionTopic{"/imu", MotionMessage::imu};
+  by_odometry.motion = MotionTopic{"/odom", MotionMessage::odometry};
+  auto window = require_ok(bus().open_window(by_imu));
+  auto other = require_ok(bus().open_window(by_odometry));
+  REQUIRE(eventually([&] { return readers_of(imu) == 1 && readers_of(odometry) == 1; }));
+  REQUIRE(received(window, 1, [&] { publish(imu, ImuMessage{}); }).size() == 1);
+  for (std::int32_t i = 0; i < 300; ++i) {
+    ImuMessage message;
+    message.sec = i;
+    if (i == 299) message.angular_velocity[1] = std::numeric_limits<double>::quiet_NaN();
+    publish(imu, message);
+  }
+  std::this_thread::sleep_for(300ms);
+  const auto samples = require_ok(window.wait(1s));
+  REQUIRE(samples.size() == 256);
+  for (std::size_t i = 0; i < 255; ++i) {
+    REQUIRE(std::get<TurnRate>(samples[i]).stamp == std::chrono::seconds(44 + i) + 345ns);
+    REQUIRE(std::get<TurnRate>(samples[i]).rate_rad_s == Approx(0.7));
+  }
+  CHECK(std::get<Malformed>(samples[255]).error.code == "malformed:angular_velocity");
+  CHECK(std::get<Malformed>(samples[255]).topic == "/imu");
+  const auto from_odometry = received(other, 1, [&] { publish(odometry, OdometryMessage{}); });
+  REQUIRE(find<TurnRate>(from_odometry));
+  CHECK(find<TurnRate>(from_odometry)->rate_rad_s == Approx(0.7));
 }
 
 TEST_CASE("sensors are read only while a window is open") {

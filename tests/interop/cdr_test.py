@@ -59,6 +59,32 @@ def disparity():
                        valid_window=window, min_disparity=0.0, max_disparity=0.0, delta_d=0.0625)
 
 
+def vector(x, y, z):
+    return ros.message("geometry_msgs/Vector3", x=x, y=y, z=z)
+
+
+UPRIGHT = ros.message("geometry_msgs/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
+
+
+def imu():
+    return ros.message("sensor_msgs/Imu", header=ros.header(STAMP, "imu"), orientation=UPRIGHT,
+                       orientation_covariance=np.zeros(9), angular_velocity=vector(0.2, -0.3, 0.6),
+                       angular_velocity_covariance=np.zeros(9), linear_acceleration=vector(0.0, 0.0, 9.8),
+                       linear_acceleration_covariance=np.zeros(9))
+
+
+def odometry():
+    def covariance(last):
+        return np.array([0.0] * 35 + [last])
+
+    pose = ros.message("geometry_msgs/Pose", position=ros.message("geometry_msgs/Point", x=5.0, y=0.0, z=0.0),
+                       orientation=UPRIGHT)
+    twist = ros.message("geometry_msgs/Twist", linear=vector(8.0, 0.0, 0.0), angular=vector(0.2, -0.3, 0.6))
+    return ros.message("nav_msgs/Odometry", header=ros.header(STAMP, "odom"), child_frame_id="base_link",
+                       pose=ros.message("geometry_msgs/PoseWithCovariance", pose=pose, covariance=covariance(0.5)),
+                       twist=ros.message("geometry_msgs/TwistWithCovariance", twist=twist, covariance=covariance(0.25)))
+
+
 def known_values():
     """What wire_dump published, as far as calibd does not word it: by topic, the type and the value."""
     return {
@@ -78,6 +104,8 @@ def known_values():
         "/camera_info": ("sensor_msgs/CameraInfo", camera_info()),
         "/points": ("sensor_msgs/PointCloud2", cloud()),
         "/disparity": ("stereo_msgs/DisparityImage", disparity()),
+        "/imu": ("sensor_msgs/Imu", imu()),
+        "/odometry": ("nav_msgs/Odometry", odometry()),
     }
 
 
@@ -100,7 +128,7 @@ def test_diagnostics_read_and_written_again_by_rosbags_are_byte_equal(wire):
 
 
 def test_type_names_and_hashes_are_those_of_ros(wire):
-    assert len(wire) == 8
+    assert len(wire) == 10
     for line in wire.values():
         package, name = line["type"].removesuffix("_").split("::msg::dds_::")
         assert line["user_data"] == f"typehash={ros.STORE.hash_rihs01(f'{package}/msg/{name}')};"

@@ -16,11 +16,11 @@ import ros  # noqa: E402
 import vehicle  # noqa: E402
 
 IMAGE, CLOUD = "sensor_msgs/Image", "sensor_msgs/PointCloud2"
-COMPRESSED, INFO = "sensor_msgs/CompressedImage", "sensor_msgs/CameraInfo"
-# The front pair reads raw images; the rear one, which nobody drives, compressed ones.
+COMPRESSED, INFO, IMU = "sensor_msgs/CompressedImage", "sensor_msgs/CameraInfo", "sensor_msgs/Imu"
+# The front pair reads raw images; the rear one, which nobody drives, compressed ones and an IMU.
 TOPICS = {IMAGE: (ros.Image, vehicle.LEFT), CLOUD: (ros.PointCloud2, vehicle.CLOUD),
           INFO: (ros.CameraInfo, "/camera/left/camera_info"),
-          COMPRESSED: (ros.CompressedImage, "/rear/left/compressed")}
+          COMPRESSED: (ros.CompressedImage, "/rear/left/compressed"), IMU: (ros.Imu, "/imu/data")}
 POINTS = np.ones((6, 4), np.float32)
 PIXELS = np.full((4, 6), 7, np.uint8)
 
@@ -54,6 +54,17 @@ def info(**changes):
                        d=np.zeros(5), k=np.array([9, 0, 3, 0, 9, 2, 0, 0, 1], float), r=np.zeros(9), p=np.zeros(12),
                        binning_x=0, binning_y=0, roi=roi)
     return ros.cdr(INFO, dataclasses.replace(good, **changes))
+
+
+def imu(turn=0.0, first_covariance=0.0, **changes):
+    def vector(z):
+        return ros.message("geometry_msgs/Vector3", x=0.0, y=0.0, z=z)
+
+    good = ros.message(IMU, header=ros.header(1, "imu"), angular_velocity=vector(turn), linear_acceleration=vector(9.8),
+                       orientation=ros.message("geometry_msgs/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
+                       orientation_covariance=np.zeros(9), linear_acceleration_covariance=np.zeros(9),
+                       angular_velocity_covariance=np.array([first_covariance] + [0.0] * 8))
+    return ros.cdr(IMU, dataclasses.replace(good, **changes))
 
 
 def with_focal_length(f):
@@ -105,6 +116,9 @@ WAYS = {
     "info, focal length": ("malformed:intrinsics", INFO, lambda: info(k=with_focal_length(1e5))),
     "info, distortion": ("malformed:distortion", INFO, lambda: info(d=np.zeros(3))),
     "info, model": ("malformed:distortion", INFO, lambda: info(distortion_model="pancake")),
+    "imu, stamp": ("malformed:stamp", IMU, lambda: imu(header=bad_stamp())),
+    "imu, not finite": ("malformed:angular_velocity", IMU, lambda: imu(turn=float("nan"))),
+    "imu, none": ("malformed:angular_velocity", IMU, lambda: imu(first_covariance=-1.0)),
     "info, size": ("malformed:image_size", INFO, lambda: info(width=2**31, height=2**31)),
 }
 
@@ -136,6 +150,7 @@ def bench(bin_dir, dds_domain, tmp_path_factory):
     rear["name"] = "rear"
     rear["camera"]["image"], rear["depth"]["right_image"] = TOPICS[COMPRESSED][1], "/rear/right/compressed"
     rear["lidar"]["cloud"] = "/rear/points"
+    rear["motion"] = {"topic": TOPICS[IMU][1], "type": "imu"}
     config["pairs"][0]["camera"]["info"] = TOPICS[INFO][1]
     config["pairs"].append(rear)
     with vehicle.Calibd(bin_dir, folder, config) as daemon:

@@ -109,6 +109,17 @@ class Quaternion(IdlStruct, typename=dds_name("geometry_msgs", "Quaternion")):
 
 
 @dataclass
+class Imu(IdlStruct, typename=dds_name("sensor_msgs", "Imu")):
+    header: Header
+    orientation: Quaternion
+    orientation_covariance: array[float64, 9]
+    angular_velocity: Vector3
+    angular_velocity_covariance: array[float64, 9]
+    linear_acceleration: Vector3
+    linear_acceleration_covariance: array[float64, 9]
+
+
+@dataclass
 class Transform(IdlStruct, typename=dds_name("geometry_msgs", "Transform")):
     translation: Vector3
     rotation: Quaternion

@@ -47,8 +47,7 @@ std::string user_data(const Endpoint& reader) {
   return text;
 }
 
-void dump(const Peer& peer, const MessageType& type, const std::string& topic,
-          const std::function<void()>& publish) {
+void dump(const Peer& peer, const MessageType& type, const std::string& topic, const std::function<void()>& publish) {
   const Endpoint reader = require_ok(make_reader(peer.participant(), type, topic, {.reliable = true}));
   std::string hex;
   const std::string hash = user_data(reader);
@@ -56,8 +55,7 @@ void dump(const Peer& peer, const MessageType& type, const std::string& topic,
     constexpr char digits[] = "0123456789abcdef";
     hex += {digits[byte >> 4], digits[byte & 15]};
   }
-  const nlohmann::json line{
-      {"topic", topic}, {"type", type.descriptor->m_typename}, {"user_data", hash}, {"cdr", hex}};
+  const nlohmann::json line{{"topic", topic}, {"type", type.descriptor->m_typename}, {"user_data", hash}, {"cdr", hex}};
   std::puts(line.dump().c_str());
 }
 
@@ -89,8 +87,8 @@ Status known_status() {
 void dump_all() {
   Bus bus = require_ok(Bus::open(static_cast<std::uint32_t>(dds_domain()), "lo"));
   const Peer peer(dds_domain());
-  const Entity other = require_ok(own(
-      dds_create_participant(static_cast<dds_domainid_t>(dds_domain()), nullptr, nullptr), "participant"));
+  const Entity other = require_ok(
+      own(dds_create_participant(static_cast<dds_domainid_t>(dds_domain()), nullptr, nullptr), "participant"));
 
   dump(peer, diagnostics_type, "/diagnostics",
        [&] { require_ok(bus.publish_diagnostics(known_status(), 1'700'000'000s + 5ns)); });
@@ -119,6 +117,8 @@ void dump_all() {
   dump_input(peer, other.get(), camera_info_type, "/camera_info", CameraInfoMessage{});
   dump_input(peer, other.get(), cloud_type, "/points", CloudMessage{});
   dump_input(peer, other.get(), disparity_image_type, "/disparity", DisparityMessage{});
+  dump_input(peer, other.get(), imu_type, "/imu", ImuMessage{});
+  dump_input(peer, other.get(), odometry_type, "/odometry", OdometryMessage{});
 }
 
 }  // namespace

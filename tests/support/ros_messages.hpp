@@ -109,6 +109,50 @@ struct CameraInfoMessage {
   std::string frame_id_ = "camera";
 };
 
+/// 0.2, -0.3, 0.6 rad/s: 0.7 about its own axis.
+struct ImuMessage {
+  std::int32_t sec = 12;
+  std::uint32_t nanosec = 345;
+  std::array<double, 3> angular_velocity{0.2, -0.3, 0.6};
+  double first_covariance = 0;
+
+  sensor_msgs_msg_dds__Imu_ raw() {
+    sensor_msgs_msg_dds__Imu_ message{};
+    message.header = {{sec, nanosec}, frame_id_.data()};
+    message.orientation.w = 1;
+    message.angular_velocity = {angular_velocity[0], angular_velocity[1], angular_velocity[2]};
+    message.angular_velocity_covariance[0] = first_covariance;
+    message.linear_acceleration.z = 9.8;
+    return message;
+  }
+
+ private:
+  std::string frame_id_ = "imu";
+};
+
+/// The same turn.
+struct OdometryMessage {
+  std::int32_t sec = 12;
+  std::uint32_t nanosec = 345;
+  std::array<double, 3> angular_velocity{0.2, -0.3, 0.6};
+
+  nav_msgs_msg_dds__Odometry_ raw() {
+    nav_msgs_msg_dds__Odometry_ message{};
+    message.header = {{sec, nanosec}, frame_id_.data()};
+    message.child_frame_id = child_frame_id_.data();
+    message.pose.pose.position.x = 5;
+    message.pose.pose.orientation.w = 1;
+    message.pose.covariance[35] = 0.5;
+    message.twist.twist.linear.x = 8;
+    message.twist.twist.angular = {angular_velocity[0], angular_velocity[1], angular_velocity[2]};
+    message.twist.covariance[35] = 0.25;
+    return message;
+  }
+
+ private:
+  std::string frame_id_ = "odom", child_frame_id_ = "base_link";
+};
+
 struct CloudField {
   std::string name;
   std::uint32_t offset = 0;

@@ -128,3 +128,72 @@ TEST_CASE("depth belongs to the image of its own moment, and is told when it is 
   REQUIRE(next);
   CHECK(next->depth->stamp == 1006ms);
 }
+
+TEST_CASE("a pair's turn rate is the largest from the sample before its first stamp to the one after its last") {
+  for (const auto lead : {30ms, -30ms, 0ms}) {
+    PairBuffer buffer(50ms, {.turn_rate = true});
+    buffer.add_image(image_at(1s));
+    buffer.add_scan(scan_at(1s + lead));
+    const auto from = std::min(1s + 0ms, 1s + lead), to = std::max(1s + 0ms, 1s + lead);
+    buffer.add_turn_rate({from - 100ms, 9});  // not the last one before
+    buffer.add_turn_rate({to + 150ms, 0.3});
+    buffer.add_turn_rate({from - 20ms, 0.2});
+    buffer.add_turn_rate({(from + to) / 2, lead == 0ms ? 0.1 : 0.4});
+    buffer.add_turn_rate({to + 200ms, 9});  // not the first one after
+    const auto pair = buffer.take();
+    REQUIRE(pair);
+    CHECK(*pair->turn_rate_rad_s == (lead == 0ms ? 0.1 : 0.4));
+  }
+}
+
+TEST_CASE("a pair waits for the turn rates around it, and not for those of others") {
+  const auto says = [](const PairBuffer& buffer, const char* word) {
+    CHECK(buffer.why_none().code == "motion_unknown");
+    CHECK_THAT(buffer.why_none().context, Catch::Matchers::ContainsSubstring(word));
+  };
+  PairBuffer buffer(50ms, {.turn_rate = true});
+  buffer.add_image(image_at(1s));
+  buffer.add_scan(scan_at(1040ms));
+  CHECK_FALSE(buffer.take());
+  says(buffer, "no turn rate arrived");
+  buffer.add_turn_rate({1s - 151ms, 0.1});  // too old
+  buffer.add_turn_rate({1040ms + 10ms, 0.1});
+  CHECK_FALSE(buffer.take());
+  says(buffer, "150 ms");
+  PairBuffer without_after(50ms, {.turn_rate = true});
+  without_after.add_image(image_at(1s));
+  without_after.add_scan(scan_at(1040ms));
+  without_after.add_turn_rate({990ms, 0.1});
+  without_after.add_turn_rate({1039ms, 0.1});
+  CHECK_FALSE(without_after.take());
+  without_after.add_turn_rate({1191ms, 0.1});  // too late
+  CHECK_FALSE(without_after.take());
+  // A later pair is not held up by the one that will never be known.
+  buffer.add_image(image_at(1060ms));
+  buffer.add_scan(scan_at(1065ms));
+  buffer.add_turn_rate({1070ms, 0.2});
+  const auto pair = buffer.take();
+  REQUIRE(pair);
+  CHECK(pair->image.stamp == 1060ms);
+  CHECK(*pair->turn_rate_rad_s == 0.2);
+}
+
+TEST_CASE("turn rates that nobody asked for are no reason to wait") {
+  PairBuffer buffer(50ms, {});
+  buffer.add_image(image_at(1s));
+  buffer.add_scan(scan_at(1s));
+  const auto pair = buffer.take();
+  REQUIRE(pair);
+  CHECK_FALSE(pair->turn_rate_rad_s);
+}
+
+TEST_CASE("an IMU that runs on alone costs no memory: only its latest samples are known") {
+  PairBuffer buffer(1ms, {.turn_rate = true});
+  for (int i = 0; i < 10000; ++i) buffer.add_turn_rate({i * 1ms, 0.1});
+  buffer.add_image(image_at(7s));
+  buffer.add_scan(scan_at(7s));
+  CHECK_FALSE(buffer.take());
+  buffer.add_image(image_at(8s));
+  buffer.add_scan(scan_at(8s));
+  CHECK(buffer.take());
+}

@@ -56,6 +56,31 @@ TEST_CASE("every refusal names the value and its limit") {
              Catch::Matchers::ContainsSubstring("7.00") && Catch::Matchers::ContainsSubstring("20.00"));
 }
 
+TEST_CASE("a vehicle that turns too far between image and scan is told by both, and only where it is known") {
+  using namespace std::chrono_literals;
+  constexpr double deg = radians_per_degree;
+  FramePair pair = pair_of(street);
+  const auto turning = [&](std::chrono::nanoseconds difference, double rate_deg_s) {
+    pair.scan.stamp = pair.image.stamp + difference;
+    pair.turn_rate_rad_s = rate_deg_s * deg;
+    return refusal(pair);
+  };
+  CHECK(turning(50ms, 10) == "motion");
+  CHECK(turning(-50ms, 10) == "motion");
+  CHECK(turning(50ms, 1.99).empty());
+  CHECK(turning(50ms, 2.01) == "motion");
+  CHECK(turning(9ms, 10).empty());
+  CHECK(turning(0ms, 90).empty());
+  CHECK(turning(50ms, 0).empty());
+  pair.scan.stamp = pair.image.stamp + 50ms;
+  pair.turn_rate_rad_s = 10 * deg;
+  CHECK(check_pair(pair, camera(), nullptr, {.max_turn_rad = 0.6 * deg}));
+  CHECK_THAT(check_pair(pair, camera(), nullptr, {}).error().context,
+             Catch::Matchers::ContainsSubstring("degrees is 0.50, the limit is 0.10"));
+  pair.turn_rate_rad_s.reset();
+  CHECK(refusal(pair).empty());
+}
+
 TEST_CASE("a vehicle that stands is told from one that moves, whatever the noise, whichever came first") {
   const FramePair here = pair_of(street);
   const FramePair noisy =

@@ -31,8 +31,7 @@ bool same(const LidarScan& a, const LidarScan& b) {
 }
 
 double mean(const Image& image) {
-  return std::accumulate(image.pixels.begin(), image.pixels.end(), 0.0) /
-         static_cast<double>(image.pixels.size());
+  return std::accumulate(image.pixels.begin(), image.pixels.end(), 0.0) / static_cast<double>(image.pixels.size());
 }
 
 }  // namespace
@@ -41,8 +40,7 @@ TEST_CASE("a frame depends on the seed and its time, not on the frames before it
   const auto driven = test::require_ok(simulated_vehicle(small(21))),
              fresh = test::require_ok(simulated_vehicle(small(21)));
   FramePair last;
-  for (std::size_t i = 0; i < 30; ++i)
-    last = test::require_ok(driven.frame(i, 4.0 * static_cast<double>(i), still));
+  for (std::size_t i = 0; i < 30; ++i) last = test::require_ok(driven.frame(i, 4.0 * static_cast<double>(i), still));
   const FramePair same_frame = test::require_ok(fresh.frame(29, 116, still));
   CHECK(last.image.pixels == same_frame.image.pixels);
   CHECK(last.right_image->pixels == same_frame.right_image->pixels);
@@ -55,11 +53,36 @@ TEST_CASE("a frame depends on the seed and its time, not on the frames before it
   CHECK(back.image.pixels != last.image.pixels);
 }
 
+TEST_CASE("a LiDAR that measures late sees what one in time sees then, and the cameras see what they saw") {
+  Simulation late = small(21), weaving = small(21);
+  late.cloud_late_s = 0.25;
+  weaving.weave_rad = late.weave_rad = 10 * radians_per_degree;
+  const auto behind = test::require_ok(simulated_vehicle(late)), in_time = test::require_ok(simulated_vehicle(weaving));
+  CHECK(behind.cloud_late_s == 0.25);
+  const FramePair pair = test::require_ok(behind.frame(6, 1.5, still));
+  CHECK(pair.image.pixels == test::require_ok(in_time.frame(6, 1.5, still)).image.pixels);
+  CHECK(same(pair.scan, test::require_ok(in_time.frame(6, 1.75, still)).scan));
+  CHECK_FALSE(same(pair.scan, test::require_ok(in_time.frame(6, 1.5, still)).scan));
+}
+
+TEST_CASE("a vehicle that weaves tells how it turns") {
+  Simulation weaving = small(21);
+  weaving.weave_rad = 10 * radians_per_degree;
+  const auto straight = test::require_ok(simulated_vehicle(small(21))),
+             swinging = test::require_ok(simulated_vehicle(weaving));
+  constexpr double fastest = 10 * radians_per_degree * 2 * M_PI / weave_period_s;
+  for (const double quarter : {0, 1, 2, 3}) {
+    const double t_s = 12 * weave_period_s + quarter * weave_period_s / 4;
+    const Eigen::Vector3d more = swinging.angular_velocity(t_s) - straight.angular_velocity(t_s);
+    CHECK(more.z() == Approx(quarter == 0 ? fastest : quarter == 2 ? -fastest : 0).margin(0.02));
+    CHECK(more.head<2>().norm() < 0.02);  // pitch and roll as the swung axes see them
+    CHECK(straight.angular_velocity(t_s).norm() < 5 * radians_per_degree);
+  }
+}
+
 TEST_CASE("another seed is another street") {
-  const auto a = test::require_ok(simulated_vehicle(small(1))),
-             b = test::require_ok(simulated_vehicle(small(2)));
-  CHECK(test::require_ok(a.frame(0, 0, still)).image.pixels !=
-        test::require_ok(b.frame(0, 0, still)).image.pixels);
+  const auto a = test::require_ok(simulated_vehicle(small(1))), b = test::require_ok(simulated_vehicle(small(2)));
+  CHECK(test::require_ok(a.frame(0, 0, still)).image.pixels != test::require_ok(b.frame(0, 0, still)).image.pixels);
 }
 
 TEST_CASE("a knocked LiDAR leaves the images alone and measures the same world from where it is") {
@@ -77,8 +100,7 @@ TEST_CASE("a knocked LiDAR leaves the images alone and measures the same world f
       const Eigen::Vector3d p = motion * Eigen::Vector3d(point.x_m, point.y_m, point.z_m);
       if (p.x() > 3 && p.x() < 6 && std::abs(p.y()) < 1) heights.push_back(p.z());
     }
-    std::nth_element(heights.begin(), heights.begin() + static_cast<std::ptrdiff_t>(heights.size() / 2),
-                     heights.end());
+    std::nth_element(heights.begin(), heights.begin() + static_cast<std::ptrdiff_t>(heights.size() / 2), heights.end());
     return heights.at(heights.size() / 2);
   };
   CHECK(road_height(after.scan, perturbation(delta)) == Approx(road_height(before.scan, still)).margin(0.02));
@@ -111,10 +133,8 @@ TEST_CASE("a knock comes at its time and stays") {
 }
 
 TEST_CASE("drift grows with the time since its start, on top of a knock") {
-  const Knock knock{.rotation_deg = {1, 0, 0},
-                    .drift_deg_per_minute = {0, 0, 6},
-                    .drift_cm_per_minute = {0, 3, 0},
-                    .start_s = 10};
+  const Knock knock{
+      .rotation_deg = {1, 0, 0}, .drift_deg_per_minute = {0, 0, 6}, .drift_cm_per_minute = {0, 3, 0}, .start_s = 10};
   CHECK(knock.at(9).isZero());
   const Vector6 later = knock.at(10 + 30);
   CHECK(later[0] == Approx(radians_per_degree));
