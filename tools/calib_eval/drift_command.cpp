@@ -15,9 +15,9 @@ constexpr double creeping_rung_rad = 0.125 * radians_per_degree;
 /// A LiDAR that creeps is given up when it has turned by so much.
 constexpr double farthest_rad = 1 * radians_per_degree;
 constexpr int usual_pairs = 100;
-/// The rest of the operating curve: how many times more false alarms are allowed, and how many are waited for at most.
+/// The rest of the operating curve: how many times more false alarms are allowed, and for how many it is waited.
 constexpr double allowances[] = {10, 100, 1000, 10000, 100000};
-constexpr double alarms_waited_for = 20;
+constexpr double alarms_waited_for = 20, fewest_weeks = 100;
 
 /// How a LiDAR is to move, and how that is told.
 struct Plan {
@@ -58,12 +58,8 @@ std::vector<Plan> plans_of(const FootageOptions& footage, const DriftOptions& op
   return plans;
 }
 
-/// As the daemon judges: what a network guesses may be biased by more.
-bool depth_is_guessed(const FootageOptions& footage) { return footage.depth.starts_with("onnx:"); }
-
-Objective objective_for(const FootageOptions& footage) {
-  return depth_is_guessed(footage) ? final_objective(Method::standard, {true, true, true, false, false, false})
-                                   : depth_objective;
+bool depth_is_guessed(const FootageOptions& footage, const DriftOptions& options) {
+  return options.depth_is_guessed || footage.depth.starts_with("onnx:");
 }
 
 SequenceSettings settings_for(const FootageOptions& footage, const DriftOptions& options, std::size_t frames) {
@@ -75,7 +71,7 @@ SequenceSettings settings_for(const FootageOptions& footage, const DriftOptions&
   settings.threads = footage.threads;
   settings.drift.false_alarms_per_pair =
       options.false_alerts_per_1000_vehicle_weeks / (1000 * settings.pairs_per_week());
-  if (depth_is_guessed(footage)) {
+  if (depth_is_guessed(footage, options)) {  // as the daemon: that may be biased by more
     settings.drift.max_bias_rotation_rad = radians_per_degree;
     settings.drift.max_bias_translation_m = std::numeric_limits<double>::infinity();
   }
@@ -117,8 +113,8 @@ OperatingPoint Study::operating_point(double allowance) const {
   SequenceSettings judged = settings;
   judged.drift.false_alarms_per_pair *= allowance;
   OperatingPoint point{options.false_alerts_per_1000_vehicle_weeks * allowance, {}, {}};
-  point.null = without_drift(
-      judged, std::min(options.weeks, 1000 * alarms_waited_for / point.false_alerts_per_1000_vehicle_weeks));
+  const double enough = 1000 * alarms_waited_for / point.false_alerts_per_1000_vehicle_weeks;
+  point.null = without_drift(judged, std::min(options.weeks, std::max(fewest_weeks, enough)));
   for (std::size_t plan = 0; plan < plans.size(); ++plan) point.moved.push_back(with_drift(judged, plan));
   return point;
 }
@@ -149,7 +145,8 @@ Json describe_settings(const Study& study) {
           {"false_alerts_per_1000_vehicle_weeks", study.options.false_alerts_per_1000_vehicle_weeks},
           {"pairs", pairs_of(study.footage, study.options)},
           {"baseline_pairs", settings.drift.baseline_pairs},
-          {"max_baseline_pairs", settings.drift.max_baseline_pairs}};
+          {"max_baseline_pairs", settings.drift.max_baseline_pairs},
+          {"depth_is_guessed", depth_is_guessed(study.footage, study.options)}};
 }
 
 Result<Study> study_of(const FootageOptions& footage_options, const DriftOptions& options, const Footage& footage) {
@@ -161,8 +158,8 @@ Result<Study> study_of(const FootageOptions& footage_options, const DriftOptions
   std::vector<LadderPlan> ladders;
   for (const Plan& plan : study.plans) ladders.push_back(plan.ladder);
   Progress progress("evidence", places_of(ladders) * footage.frames.size());
-  auto evidence =
-      measure(footage, ladders, objective_for(footage_options), footage_options.threads, [&] { progress.step(); });
+  auto evidence = measure(footage, ladders, drift_objective(depth_is_guessed(footage_options, options)),
+                          footage_options.threads, [&] { progress.step(); });
   if (!evidence) return tl::unexpected(evidence.error());
   study.evidence = *std::move(evidence);
   return study;

@@ -50,7 +50,7 @@ std::string pairs_text(const std::optional<int>& pairs) { return pairs ? text("%
 
 }  // namespace
 
-std::array<AxisSight, 6> sights(const std::vector<AxisEvidence>& still, const SequenceSettings& settings) {
+std::optional<Sights> sights(const std::vector<AxisEvidence>& still, const SequenceSettings& settings) {
   constexpr int vehicles = 101;
   std::array<std::vector<double>, 6> sigmas, noticeable;
   for (int vehicle = 0; vehicle < vehicles; ++vehicle) {
@@ -63,7 +63,8 @@ std::array<AxisSight, 6> sights(const std::vector<AxisEvidence>& still, const Se
       noticeable[axis].push_back(monitor->noticeable_shift(axis));
     }
   }
-  std::array<AxisSight, 6> sights;
+  if (sigmas[0].empty()) return std::nullopt;
+  Sights sights;
   const auto finite = [](int axis, const std::optional<double>& value) {
     return value && std::isfinite(*value) ? std::optional(shown(axis, *value)) : std::nullopt;
   };
@@ -156,13 +157,14 @@ Json to_json(const Timeline& timeline) {
   return json;
 }
 
-Json to_json(const std::array<AxisSight, 6>& sights) {
+Json to_json(const std::optional<Sights>& sights) {
+  if (!sights) return nullptr;
   Json axes = Json::array();
   for (int axis = 0; axis < 6; ++axis)
     axes.push_back({{"axis", axis_names[axis]},
                     {"unit", unit_of(axis)},
-                    {"sigma_of_pair", or_null(sights[axis].sigma_of_pair)},
-                    {"noticeable", or_null(sights[axis].noticeable)}});
+                    {"sigma_of_pair", or_null((*sights)[axis].sigma_of_pair)},
+                    {"noticeable", or_null((*sights)[axis].noticeable)}});
   return axes;
 }
 
@@ -174,14 +176,15 @@ Json to_json(const OperatingPoint& point) {
   return json;
 }
 
-std::string to_text(const std::array<AxisSight, 6>& sights) {
+std::string to_text(const std::optional<Sights>& sights) {
+  if (!sights) return "no baseline is ever learned from these frames: misalignment is seen from the start\n";
   std::string lines = text("%-6s  %16s  %24s\n", "axis", "sigma of a pair", "noticed within 100 pairs");
   const auto value = [](const std::optional<double>& of, int axis) {
     return of ? text("%.2f %s", *of, unit_of(axis)) : "not observable";
   };
   for (int axis = 0; axis < 6; ++axis)
     lines += text("%-6s  %16s  %24s\n", std::string(axis_names[axis]).c_str(),
-                  value(sights[axis].sigma_of_pair, axis).c_str(), value(sights[axis].noticeable, axis).c_str());
+                  value((*sights)[axis].sigma_of_pair, axis).c_str(), value((*sights)[axis].noticeable, axis).c_str());
   return lines;
 }
 

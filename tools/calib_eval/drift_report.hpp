@@ -14,7 +14,9 @@ namespace calib::eval {
 struct AxisSight {
   std::optional<double> sigma_of_pair, noticeable;
 };
-[[nodiscard]] std::array<AxisSight, 6> sights(const std::vector<AxisEvidence>& still, const SequenceSettings& settings);
+using Sights = std::array<AxisSight, 6>;
+/// Nothing when no vehicle ever learns a baseline.
+[[nodiscard]] std::optional<Sights> sights(const std::vector<AxisEvidence>& still, const SequenceSettings& settings);
 
 /// All sequences of one movement.
 struct MovedRuns {
@@ -56,11 +58,11 @@ struct OperatingPoint {
 [[nodiscard]] Json to_json(const NullRun& run);
 [[nodiscard]] Json to_json(const MovedRuns& runs, bool with_delays);
 [[nodiscard]] Json to_json(const Timeline& timeline);
-[[nodiscard]] Json to_json(const std::array<AxisSight, 6>& sights);
+[[nodiscard]] Json to_json(const std::optional<Sights>& sights);
 [[nodiscard]] Json to_json(const OperatingPoint& point);
 
 /// Lines of standard output.
-[[nodiscard]] std::string to_text(const std::array<AxisSight, 6>& sights);
+[[nodiscard]] std::string to_text(const std::optional<Sights>& sights);
 [[nodiscard]] std::string to_text(const NullRun& run);
 [[nodiscard]] std::string drift_heading();
 [[nodiscard]] std::string drift_line(const MovedRuns& runs);

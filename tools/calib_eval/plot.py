@@ -21,7 +21,7 @@ AXES = ["roll", "pitch", "yaw", "x", "y", "z"]
 HIT_DEG, HIT_CM = 0.5, 20
 GOOD, BAD, STARTS = "#0072b2", "#d55e00", "#8c8c8c"
 LINES = ["#0072b2", "#d55e00", "#009e73", "#cc79a7"]
-VERDICTS = {"learning": "#d9d9d9", "blind": "#b3a2c7", "calibrated": "#d5ecd4", "suspect": "#ffe3a8", "drifted": "#f6b5a0"}
+VERDICTS = {"learning": "#d9d9d9", "blind": "#d8cfe6", "calibrated": "#d5ecd4", "suspect": "#ffe3a8", "drifted": "#f6b5a0"}
 VIEW_TITLES = {"start": "Before", "end": "After", "truth": "Recording's own extrinsic"}
 
 
@@ -310,7 +310,7 @@ def delays(canvas, entries, limit):
         panel.yaxis.set_major_formatter("{x:g}")
         panel.grid(axis="y", color="0.9")
         panel.legend(handles=[Line2D([], [], color=LINES[k % len(LINES)], marker="o", lw=2, label=axis)
-                              for k, axis in enumerate(axes)], frameon=False, loc="upper right", bbox_to_anchor=(1, 0.93))
+                              for k, axis in enumerate(axes)], frameon=False, loc="lower right")
     panels[0, 0].set_ylabel("pairs until drifted")
     figure.suptitle("Delay: median, 5 to 95 % of the sequences (triangle: more than 5 % are not found)")
     canvas.save(figure, "delays")
@@ -345,9 +345,14 @@ def operating_curve(canvas, points):
                   default=1)
     for panel, ((unit, magnitude), axes) in zip(panels.flat[1:], curves.items()):
         for k, (axis, medians) in enumerate(axes.items()):
-            panel.plot(allowed, medians, color=LINES[k % len(LINES)], marker="o", ms=5, label=axis)
-        panel.set(xscale="log", ylim=(0, 1.1 * highest), title=f"{magnitude:g} {unit}", ylabel="median delay (pairs)")
-        panel.legend(frameon=False)
+            places = np.array(allowed) * 1.25 ** (k - 1)  # side by side where they are alike
+            panel.plot(places, medians, color=LINES[k % len(LINES)], marker="o", ms=5, label=axis)
+            never = np.isnan(medians)
+            panel.plot(places[never], np.full(never.sum(), 1.12 * highest), "^", color=LINES[k % len(LINES)], ms=6)
+        panel.set(xscale="log", ylim=(0, 1.2 * highest), title=f"{magnitude:g} {unit}", ylabel="median delay (pairs)")
+    legend_below(figure, [Line2D([], [], color=LINES[k], marker="o", ms=5, label=label)
+                          for k, label in enumerate(["roll or x", "pitch or y", "yaw or z"])]
+                 + [Line2D([], [], color="0.4", marker="^", lw=0, label="half are not found")])
     for panel in panels.flat[:1 + len(curves)]:
         panel.set(xlim=ends, xlabel="allowed in 1000 vehicle-weeks")
         panel.grid(color="0.92")
