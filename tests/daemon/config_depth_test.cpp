@@ -143,3 +143,13 @@ TEST_CASE("the sources that the example in systemd/ comments out are right as we
     CHECK(std::holds_alternative<OnnxDepthConfig>(config.pairs[0].depth) == (name == "onnx"));
   }
 }
+
+TEST_CASE("the rate of false alerts is shared among the samples of the weeks, and among the pairs") {
+  Config config = require_ok(parse(depth("source: stereo, right_image: /r, baseline_m: 0.5")));
+  const DriftConfig drift{.false_alerts_per_1000_vehicle_weeks = 2, .driving_hours_per_week = 10};
+  CHECK(false_alarms_per_pair(config, drift) == Approx(2 / (1000 * 10 * 360.0)));
+  config.sampling.period = 5s;
+  CHECK(false_alarms_per_pair(config, drift) == Approx(2 / (1000 * 10 * 720.0)));
+  config.pairs.resize(4, config.pairs[0]);
+  CHECK(false_alarms_per_pair(config, drift) == Approx(2 / (1000 * 10 * 720.0) / 4));
+}

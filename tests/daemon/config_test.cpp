@@ -163,16 +163,6 @@ TEST_CASE("what is not given has the documented default") {
   CHECK(pair.recalibration.min_interval == 10min);
 }
 
-TEST_CASE("the rate of false alerts is shared among the samples of the weeks, and among the pairs") {
-  Config config = require_ok(parse(least));
-  const DriftConfig drift{.false_alerts_per_1000_vehicle_weeks = 2, .driving_hours_per_week = 10};
-  CHECK(false_alarms_per_pair(config, drift) == Approx(2 / (1000 * 10 * 360.0)));
-  config.sampling.period = 5s;
-  CHECK(false_alarms_per_pair(config, drift) == Approx(2 / (1000 * 10 * 720.0)));
-  config.pairs.resize(4, config.pairs[0]);
-  CHECK(false_alarms_per_pair(config, drift) == Approx(2 / (1000 * 10 * 720.0) / 4));
-}
-
 TEST_CASE("a duration may be quoted, as JSON does") {
   CHECK(require_ok(parse("sampling: {\"period\": \"500ms\"}\n" + least)).sampling.period == 500ms);
 }
@@ -315,7 +305,7 @@ TEST_CASE("an unknown key is refused with its line, in every mapping") {
       {"      translation_m:", "c.yaml:26: pairs[0].T_camera_lidar.surprise: unknown key"},
       {"      source:", "c.yaml:29: pairs[0].depth.surprise: unknown key"},
       {"      baseline_pairs:", "c.yaml:36: pairs[0].drift.surprise: unknown key"},
-      {"      mode:", "c.yaml:38: pairs[0].recalibration.surprise: unknown key"},
+      {"      mode:", "c.yaml:41: pairs[0].recalibration.surprise: unknown key"},
   };
   for (const auto& [before, expected] : places_in_file) {
     const std::string indent(before.find_first_not_of(' '), ' ');

@@ -62,7 +62,8 @@ TEST_CASE("a knock is found and recalibrated from pairs taken since, and what is
     CHECK(evidence.stencil.current > 1);
     CHECK(evidence.response.has_value());
     const double scored = evidence.stencil.current;
-    CHECK(monitor.observe(std::move(evidence)) == monitor.drift().verdict());
+    const DriftVerdict verdict = monitor.observe(std::move(evidence));
+    CHECK(verdict == monitor.drift().verdict());
     CHECK(monitor.score_of_latest(monitor.T_camera_lidar()) == scored);
     CHECK(monitor.score_of_latest(monitor.T_camera_lidar() * perturbation(yaw(2))) < scored);
   }

@@ -14,7 +14,7 @@ using namespace std::chrono_literals;
 namespace {
 
 AxisEvidence random_evidence(vehicle::Random& random, Timestamp stamp, double shift = 0) {
-  AxisEvidence evidence{.stamp = stamp, .score = 1.2 + 0.01 * random.gaussian(), .response = Matrix6::Zero()};
+  AxisEvidence evidence{.stamp = stamp, .score = 1.2 + 0.01 * random.gaussian(), .peak = 0.02 + 0.005 * random.gaussian(), .response = Matrix6::Zero()};
   for (int i = 0; i < 36; ++i) (*evidence.response)(i / 6, i % 6) = (i % 7 == 0) + 0.1 * random.gaussian();
   for (int axis = 0; axis < 6; ++axis) evidence.slope[axis] = shift + 0.1 * random.gaussian();
   return evidence;
@@ -93,7 +93,7 @@ TEST_CASE("a state that is written and read is the same, with and without what i
     }
     CHECK(read.drift.charts[2][0][1].sum == state.drift.charts[2][0][1].sum);
     CHECK(read.drift.charts[2][0][1].since == state.drift.charts[2][0][1].since);
-    CHECK(read.drift.baseline.slope_squares == state.drift.baseline.slope_squares);
+    CHECK(read.drift.baseline.slope_products == state.drift.baseline.slope_products);
   }
 }
 
@@ -128,7 +128,7 @@ TEST_CASE("numbers that no monitor can have are refused: what is saved must not 
     const auto state = parse_pair_state(changed.dump());
     return state ? "" : state.error().code;
   };
-  CHECK(code("/drift/verdict", 4) == "malformed_state");
+  CHECK(code("/drift/verdict", 5) == "malformed_state");
   CHECK(code("/drift/verdict", -1) == "malformed_state");
   CHECK(code("/drift/baseline/pairs", -3) == "malformed_state");
   CHECK(code("/drift/baseline/slope", {1, 2, 3, 4, 5}) == "malformed_state");

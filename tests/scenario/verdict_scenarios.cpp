@@ -12,12 +12,13 @@ TEST_CASE("a vehicle that is new learns its baseline, signs it twice, and then s
   CHECK(scenario.alerts() == 0);
   scenario.drive(1);
   CHECK(scenario.records(Decision::baseline) == 1);
-  scenario.drive(100);
+  scenario.drive(180);
   CHECK(scenario.verdict() == Verdict::calibrated);
+  INFO(scenario.watch().state().drift.baseline.pairs << " pairs");
   CHECK((scenario.alerts() == 1 && scenario.alerts(Verdict::calibrated) == 1));
   CHECK(scenario.records(Decision::initial) == 1);
   CHECK(scenario.records(Decision::baseline) == 2);
-  CHECK(scenario.status().evaluated == 120);
+  CHECK(scenario.status().evaluated == 200);
 }
 
 TEST_CASE("without drift there is no alert and no record") {
@@ -53,7 +54,7 @@ TEST_CASE("half a degree about any axis is noticed at once, and put right") {
   const int windows = scenario.drive_until(Verdict::drifted, 20, {.motion = motion});
   INFO(windows << " pairs");
   CHECK(windows <= 8);
-  CHECK_THAT(scenario.reason(), Catch::Matchers::ContainsSubstring(std::string(axis_names[axis]) + ": 0."));
+  CHECK_THAT(scenario.reason(), Catch::Matchers::StartsWith("the LiDAR seems to have moved: "));
   scenario.drive(60, {.motion = motion});
   INFO(scenario.reason());
   CHECK(scenario.verdict() == Verdict::calibrated);
