@@ -1,5 +1,3 @@
-#include <cmath>
-
 #include "dds/decode.hpp"
 
 namespace calib {
@@ -10,7 +8,8 @@ constexpr double max_rate_rad_s = 100;
 Result<TurnRate> turn_rate(const std_msgs_msg_dds__Header_& header, const geometry_msgs_msg_dds__Vector3_& velocity) {
   const auto stamp = decode_stamp(header);
   if (!stamp) return tl::unexpected(stamp.error());
-  const double rate = std::hypot(velocity.x, velocity.y, velocity.z);
+  // Not std::hypot: GCC's takes (0, 0, NaN) for 0.
+  const double rate = Eigen::Vector3d(velocity.x, velocity.y, velocity.z).norm();
   if (!(rate <= max_rate_rad_s))
     return fail("malformed:angular_velocity", "the angular velocity is not finite, or not below 100 rad/s");
   return TurnRate{*stamp, rate};

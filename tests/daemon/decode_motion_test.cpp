@@ -34,6 +34,9 @@ TEST_CASE("what is no angular velocity is refused") {
       imu.angular_velocity[axis] = odometry.angular_velocity[axis] = bad;
       CHECK(decode_imu(imu.raw()).error().code == "malformed:angular_velocity");
       CHECK(decode_odometry(odometry.raw()).error().code == "malformed:angular_velocity");
+      imu.angular_velocity = {0, 0, 0};
+      imu.angular_velocity[axis] = bad;
+      CHECK(decode_imu(imu.raw()).error().code == "malformed:angular_velocity");
     }
   ImuMessage none;
   none.first_covariance = -1;
