@@ -14,7 +14,7 @@ def test_half_a_degree_about_any_axis_is_corrected(bin_dir, tmp_path, dds_domain
 
 def test_an_extrinsic_that_is_wrong_from_the_start_is_corrected(bin_dir, tmp_path, dds_domain):
     with Drive(bin_dir, tmp_path, dds_domain, "calib-sim", "--knock-deg", "0,1,-1", "--after-frames", 0) as drive:
-        after = drive.wait_for(lambda pair: pair["record"]["sequence"] == 2, 120)
+        after = drive.wait_for(lambda pair: pair["record"]["sequence"] > 1, 120)
         error_deg, _ = difference(after["T_camera_lidar"], drive.truth()[0])
         assert error_deg <= 0.2, drive.log()
         # Never was it called calibrated while it was not.
