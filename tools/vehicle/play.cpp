@@ -108,7 +108,8 @@ void print_config(const Vehicle& vehicle, const PublisherOptions& publisher) {
             << ", quaternion_xyzw: " << json(quaternion_xyzw(vehicle.T_camera_lidar)).dump()
             << "}\n    depth: " << depth_config(vehicle, publisher) << '\n'
             << motion_config(publisher)
-            << "    recalibration: {mode: apply, frames: 25, max_rotation_deg: 5, max_translation_cm: 50, min_interval: 5s}\n";
+            << "    recalibration: {mode: apply, frames: 25, max_rotation_deg: 5, max_translation_cm: 50, "
+               "min_interval: 5s}\n";
 }
 
 std::size_t frame_count(const PlayOptions& options) {
