@@ -1,6 +1,7 @@
 #include "calib/recalibrate.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <string>
 
 #include "recalibration_gates.hpp"
@@ -30,7 +31,8 @@ struct Found {
   std::array<bool, 6> left{};
 };
 
-/// Searches with the axes `wanted`; again without those that turn out not to be observable.
+/// Searches with the axes `wanted`; again without those that turn out not to be observable. A rotation that ends at its
+/// bound is not among them: it may well have gone further, and is for a gate to refuse.
 Result<Found> search_observable(Frames fit, const RigidTransform& T, SearchResult first,
                                 const std::array<bool, 6>& wanted, const SearchBounds& bounds, int& evaluations) {
   Found found{.result = std::move(first), .released = wanted, .uncertainty = {}, .left = {}};
@@ -39,12 +41,17 @@ Result<Found> search_observable(Frames fit, const RigidTransform& T, SearchResul
     found.uncertainty = uncertainty(fit, found.result.T_camera_lidar, found.result.objective, settings);
     std::array<bool, 6> kept = found.released;
     for (int axis = 0; axis < 6; ++axis) {
-      kept[axis] = kept[axis] && found.uncertainty.observable[axis];
+      const bool at_bound = axis < 3 && std::abs(found.result.delta[axis]) > 0.98 * bounds.rotation_rad;
+      kept[axis] = kept[axis] && (at_bound || found.uncertainty.observable[axis]);
       found.left[axis] = wanted[axis] && !kept[axis];
     }
     if (kept == found.released) return found;
     found.released = kept;
-    if (!any(kept)) return found;
+    if (!any(kept)) {
+      found.result.T_camera_lidar = T;
+      found.result.delta.setZero();
+      return found;
+    }
     auto again = search(fit, T, Method::standard, {.bounds = bounds, .released = kept});
     if (!again) return tl::unexpected(again.error());
     evaluations += again->evaluations;
@@ -55,7 +62,7 @@ Result<Found> search_observable(Frames fit, const RigidTransform& T, SearchResul
 /// The first gate's objection.
 Result<Objection> judge(const Candidate& candidate, const Gain& held_back, const RecalibrationSettings& settings,
                         int& evaluations) {
-  if (auto no = no_rotation_observable(candidate)) return no;
+  if (auto no = hardly_observable(candidate)) return no;
   if (auto no = outside_bounds(candidate)) return no;
   if (auto no = no_more_than_bias(candidate, settings)) return no;
   if (auto no = not_better(held_back, settings)) return no;
@@ -108,6 +115,7 @@ Result<Recalibration> recalibrate(Frames fit, Frames held_back, const RigidTrans
                             .delta = result.delta,
                             .covariance = found->uncertainty.bootstrap_covariance,
                             .released = found->released,
+                            .left = found->left,
                             .at_limit = found->result.ends_at_limit ? found->result.reason : ""};
   const Gain gained = gain(held_back, T_camera_lidar, result.T_camera_lidar, objective);
   auto objection = judge(candidate, gained, settings, result.evaluations);

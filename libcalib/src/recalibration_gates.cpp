@@ -22,12 +22,12 @@ Matrix6 squares_of(double rotation_rad, double translation_m) {
   return each.cwiseAbs2().asDiagonal();
 }
 
-/// How far `difference` is from zero along `axes`, in standard deviations: one when it is as far as chance puts it.
+/// How far `difference` is from zero along `axes`, in standard deviations (Mahalanobis 1936), beyond what chance makes
+/// of so many axes: that grows like the root of their number. By chance it is above 3 once in 10,000 times at most.
 double deviations(const Vector6& difference, const Matrix6& covariance, const std::vector<int>& axes) {
-  if (axes.empty()) return 0;
   const Eigen::VectorXd d = difference(axes);
   const Eigen::MatrixXd c = covariance(axes, axes);
-  return std::sqrt(std::max(0.0, d.dot(c.ldlt().solve(d))) / static_cast<double>(axes.size()));
+  return axes.empty() ? 0 : std::sqrt(std::max(0.0, d.dot(c.ldlt().solve(d)))) - std::sqrt(axes.size()) + 1;
 }
 
 std::vector<int> axes_where(const std::array<bool, 6>& chosen) {
@@ -104,10 +104,11 @@ Gain gain(Frames frames, const RigidTransform& before, const RigidTransform& aft
   return result;
 }
 
-Objection no_rotation_observable(const Candidate& candidate) {
-  if (std::any_of(candidate.released.begin(), candidate.released.begin() + 3, [](bool axis) { return axis; }))
-    return {};
-  return "no rotation is observable: the frames tell nothing of roll, pitch or yaw";
+Objection hardly_observable(const Candidate& candidate) {
+  const auto moved = axes_where(candidate.released);
+  const auto rotations = std::ranges::count_if(moved, [](int axis) { return axis < 3; });
+  if (rotations >= 2 && moved.size() >= axes_where(candidate.left).size()) return {};
+  return "hardly observable: the frames tell of " + std::to_string(moved.size()) + " axes only";
 }
 
 Objection outside_bounds(const Candidate& candidate) {
@@ -172,8 +173,8 @@ Result<Objection> not_repeatable(const Candidate& candidate, int& evaluations) {
   const SearchSettings near{.bounds = {2.4 * radians_per_degree, 0.5}, .released = candidate.released};
   const std::vector<int> axes = axes_where(candidate.released);
   // From each of two starts by one half of the frames alone, which together takes no longer than one search: a half
-  // differs from the whole by as much as the whole from the truth.
-  const Matrix6 explained = candidate.covariance + squares_of(0.1 * radians_per_degree, 0.04);
+  // differs from the whole by as much as the whole from the truth, and that is more than so few frames make out.
+  const Matrix6 explained = candidate.covariance + squares_of(0.15 * radians_per_degree, 0.1);
   for (const std::size_t half : {0, 1}) {
     Vector6 off;
     off << 0.7 * radians_per_degree, -0.7 * radians_per_degree, 0.7 * radians_per_degree, 0.1, 0.05, -0.05;

@@ -15,8 +15,8 @@ struct Candidate {
   /// Of the LiDAR, from before to after, and how sure that is.
   Vector6 delta = Vector6::Zero();
   Matrix6 covariance = Matrix6::Zero();
-  /// Axes that the search was free to move.
-  std::array<bool, 6> released{};
+  /// Axes that the search was free to move, and those that it had to leave as the frames tell nothing of them.
+  std::array<bool, 6> released{}, left{};
   /// Why its search ended, in words, when that was at a bound; else empty.
   std::string at_limit;
 
@@ -38,7 +38,7 @@ struct Gain {
 using Objection = std::optional<std::string>;
 
 /// In the order of recalibrate.hpp; of two that would both object, the first is named.
-[[nodiscard]] Objection no_rotation_observable(const Candidate& candidate);
+[[nodiscard]] Objection hardly_observable(const Candidate& candidate);
 [[nodiscard]] Objection outside_bounds(const Candidate& candidate);
 [[nodiscard]] Objection no_more_than_bias(const Candidate& candidate, const RecalibrationSettings& settings);
 [[nodiscard]] Objection not_better(const Gain& held_back, const RecalibrationSettings& settings);

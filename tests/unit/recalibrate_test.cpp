@@ -4,8 +4,8 @@
 #include <limits>
 
 #include "calib/drift.hpp"
+#include "scenario/adversities.hpp"
 #include "support/catch.hpp"
-#include "support/simulated_drive.hpp"
 
 using namespace calib;
 
@@ -15,17 +15,22 @@ constexpr int fitted = 8, held = 4;
 
 /// Pairs of a LiDAR that was knocked by `motion`: those to fit, and those held back.
 struct Drive {
-  explicit Drive(const RigidTransform& motion, std::uint64_t seed = 61) : simulated(seed) {
-    frames = simulated.features_of(fitted + held, motion);
+  explicit Drive(const RigidTransform& motion, std::uint64_t seed = 61, int count = fitted + held) : simulated(seed) {
+    start = simulated.T_camera_lidar();
+    frames = simulated.features_of(count, motion);
+    if (count > 0) share_out(fitted);
+  }
+  void share_out(int to_fit) {
     const auto all = test::pointers(frames);
-    fit.assign(all.begin(), all.begin() + fitted);
-    held_back.assign(all.begin() + fitted, all.end());
+    fit.assign(all.begin(), all.begin() + to_fit);
+    held_back.assign(all.begin() + to_fit, all.end());
   }
   [[nodiscard]] Recalibration search(const RecalibrationSettings& settings = {}) const {
-    return test::require_ok(recalibrate(fit, held_back, simulated.T_camera_lidar(), settings));
+    return test::require_ok(recalibrate(fit, held_back, start, settings));
   }
 
   test::SimulatedDrive simulated;
+  RigidTransform start;
   std::vector<FeatureSet> frames;
   std::vector<const FeatureSet*> fit, held_back;
 };
@@ -132,4 +137,111 @@ TEST_CASE("too few pairs are refused, and an extrinsic that is no number is neve
   not_a_number.translation().setConstant(std::numeric_limits<double>::quiet_NaN());
   const auto result = recalibrate(drive.fit, drive.held_back, not_a_number, {});
   CHECK_FALSE((result && result->accepted));
+}
+
+namespace {
+
+/// Pairs as the adversity leaves them, of a LiDAR that moved by `motion(index)`.
+template <typename Motion>
+Drive spoilt_drive(Motion motion, void (*spoil)(test::Sample&), int count = fitted + held) {
+  Drive drive(RigidTransform::Identity(), 63, 0);
+  static const test::AdversePlace street(test::PlaceKind::street, 63, 2 * (fitted + held));
+  drive.frames.reserve(count);
+  for (int i = 0; i < count; ++i) {
+    test::Sample sample = test::sound_sample(street, i, motion(i));
+    spoil(sample);
+    drive.frames.push_back(
+        test::require_ok(make_features(sample.pair, sample.depth, street.rig().camera, street.rig().T_camera_lidar)));
+  }
+  drive.share_out(count - held);
+  return drive;
+}
+void leave_alone(test::Sample&) {}
+/// Of a camera that looks elsewhere, with reflectance that says little.
+void turn_depth(test::Sample& sample) {
+  test::adverse::shift_depth(sample.depth, 5, 0);
+  vehicle::Random random(1);
+  for (LidarPoint& point : sample.pair.scan.points)
+    if (random.chance(0.6F)) point.reflectance = random.uniform(0, 1);
+}
+void turn_depth_without_reflectance(test::Sample& sample) {
+  turn_depth(sample);
+  test::adverse::set_reflectance(sample.pair.scan, nullptr);
+}
+void bias_depth(test::Sample& sample) { add_smooth_bias(sample.depth, 0.4, 3); }
+
+Expectation expected_yaw(double degrees) {
+  Expectation expected{.delta = Vector6::Unit(2) * degrees * radians_per_degree};
+  for (int axis = 0; axis < 6; ++axis) {
+    expected.covariance(axis, axis) = std::pow(axis < 3 ? 0.05 * radians_per_degree : 0.05, 2);
+    expected.reach[axis] = axis < 3 ? 1.4 * radians_per_degree : 0.28;
+  }
+  return expected;
+}
+
+}  // namespace
+
+TEST_CASE("what contradicts the evidence of drift is refused, and beyond its reach only the side counts") {
+  const Drive slight(test::knock(0, 0, 1)), far(test::knock(0, 0, 2.5));
+  const auto given = [](const Drive& drive, double expected_deg) {
+    return drive.search({.bounds = {}, .expected = expected_yaw(expected_deg)});
+  };
+  CHECK(given(slight, 0.9).accepted);
+  CHECK(given(far, 1.45).accepted);
+  for (const Recalibration& result : {given(slight, -0.8), given(slight, -1.45), given(far, -1.45)}) {
+    CHECK_FALSE(result.accepted);
+    CHECK_THAT(result.reason, Catch::Matchers::StartsWith("contradicts the evidence of drift") &&
+                                  Catch::Matchers::ContainsSubstring("yaw"));
+  }
+}
+
+TEST_CASE("depth that looks elsewhere does not take the LiDAR along where reflectance knows better") {
+  const auto nowhere = [](int) { return RigidTransform::Identity(); };
+  const Recalibration told = spoilt_drive(nowhere, turn_depth).search();
+  INFO(told.delta.transpose() << told.reason);
+  CHECK_FALSE(told.accepted);
+  CHECK_THAT(told.reason, Catch::Matchers::StartsWith("intensity contradicts"));
+  const Recalibration untold = spoilt_drive(nowhere, turn_depth_without_reflectance).search();
+  INFO(untold.reason);
+  CHECK(untold.accepted);  // nothing else in the pairs could tell
+}
+
+TEST_CASE("a LiDAR put right scores as was normal; depth that has gone wrong does not") {
+  const auto moved = [](int) { return test::knock(0, 0.5, -1); };
+  const Drive before = spoilt_drive([](int) { return RigidTransform::Identity(); }, leave_alone),
+              knocked = spoilt_drive(moved, leave_alone), gone_wrong = spoilt_drive(moved, bias_depth);
+  NormalScore normal{.objective = depth_objective, .mean = 0, .deviation = 0.01, .pairs = fitted + held};
+  normal.mean = mean_score(test::pointers(before.frames), before.start, depth_objective).value;
+  const Recalibration right = knocked.search({.bounds = {}, .normal = normal});
+  INFO(right.reason);
+  CHECK(right.accepted);
+  const Recalibration wrong = gone_wrong.search({.bounds = {}, .normal = normal});
+  CHECK_FALSE(wrong.accepted);
+  CHECK_THAT(wrong.reason, Catch::Matchers::StartsWith("depth is not what it was"));
+}
+
+TEST_CASE("an optimum that not every half of the pairs has is a false one") {
+  const Drive drive = spoilt_drive([](int i) { return test::knock(0, 0, i == 1 || i == 3 || i == 5 ? 0.8 : 2.5); },
+                                   leave_alone, fitted + 1 + held);
+  const Recalibration result = drive.search();
+  CHECK_FALSE(result.accepted);
+  CHECK_THAT(result.reason, Catch::Matchers::StartsWith("a false optimum"));
+}
+
+TEST_CASE("axes of which the pairs tell nothing are left as they are, and the result says which") {
+  const test::AdversePlace field(test::PlaceKind::field, 5, fitted + held);
+  Drive drive(RigidTransform::Identity(), 63, 0);
+  drive.start = field.rig().T_camera_lidar;
+  for (int i = 0; i < fitted + held; ++i) {
+    const test::Sample sample = test::sound_sample(field, i, test::knock(1, 1, 1));
+    drive.frames.push_back(test::require_ok(make_features(sample.pair, sample.depth, field.rig().camera, drive.start)));
+  }
+  drive.share_out(fitted);
+  const Recalibration result = drive.search();
+  INFO(result.reason);
+  CHECK_FALSE(result.moved[2]);  // a plain looks the same whichever way one turns
+  CHECK_THAT(result.reason, Catch::Matchers::ContainsSubstring("not observable and left as it was") &&
+                                Catch::Matchers::ContainsSubstring("yaw"));
+  for (int axis = 0; axis < 6; ++axis)
+    if (!result.moved[axis]) CHECK(std::abs(result.delta[axis]) < 1e-9);
 }
