@@ -17,6 +17,9 @@ CalibrationRecord::Baseline recorded(const DriftBaseline& baseline) {
           .slope_correlation = correlation,
           .response = baseline.response,
           .response_deviation = (baseline.response_squares / others).cwiseSqrt(),
+          .peak = baseline.peak,
+          .peak_deviation = std::sqrt(baseline.peak_squares / others),
+          .peak_correlation = baseline.peak_squares > 0 ? baseline.lagged_peaks / baseline.peak_squares : 0,
           .score = baseline.score,
           .score_deviation = std::sqrt(baseline.score_squares / others)};
 }
@@ -32,6 +35,10 @@ DriftState learned_state(const CalibrationRecord::Baseline& recorded) {
       .lagged_products = recorded.slope_correlation.cwiseProduct(recorded.slope_covariance.diagonal()) * others,
       .response = recorded.response,
       .response_squares = recorded.response_deviation.cwiseAbs2() * others,
+      .peak = recorded.peak,
+      .peak_squares = recorded.peak_deviation * recorded.peak_deviation * others,
+      .latest_peak = recorded.peak,
+      .lagged_peaks = recorded.peak_correlation * recorded.peak_deviation * recorded.peak_deviation * others,
       .score = recorded.score,
       .score_squares = recorded.score_deviation * recorded.score_deviation * others};
   state.verdict = DriftVerdict::calibrated;

@@ -40,13 +40,15 @@ json evidence_json(const AxisEvidence& evidence) {
   return {{"stamp_ns", evidence.stamp.count()},
           {"slope", numbers(evidence.slope)},
           {"score", evidence.score},
+          {"peak", evidence.peak},
           {"response", optional(evidence.response, [](const Matrix6& m) { return numbers(m.reshaped()); })}};
 }
 
 AxisEvidence evidence_from(const json& in) {
   AxisEvidence evidence{.stamp = Timestamp(in.at("stamp_ns").get<std::int64_t>()),
                         .slope = vector6(in.at("slope")),
-                        .score = in.at("score").get<double>()};
+                        .score = in.at("score").get<double>(),
+                        .peak = in.at("peak").get<double>()};
   if (!in.at("response").is_null()) evidence.response = matrix6(in.at("response"));
   return evidence;
 }
@@ -65,6 +67,10 @@ json baseline_json(const DriftBaseline& baseline) {
           {"lagged_products", numbers(baseline.lagged_products)},
           {"response", numbers(baseline.response.reshaped())},
           {"response_squares", numbers(baseline.response_squares)},
+          {"peak", baseline.peak},
+          {"peak_squares", baseline.peak_squares},
+          {"latest_peak", baseline.latest_peak},
+          {"lagged_peaks", baseline.lagged_peaks},
           {"score", baseline.score},
           {"score_squares", baseline.score_squares}};
 }
@@ -77,6 +83,10 @@ DriftBaseline baseline_from(const json& in) {
                                .lagged_products = vector6(in.at("lagged_products")),
                                .response = matrix6(in.at("response")),
                                .response_squares = vector6(in.at("response_squares")),
+                               .peak = in.at("peak").get<double>(),
+                               .peak_squares = in.at("peak_squares").get<double>(),
+                               .latest_peak = in.at("latest_peak").get<double>(),
+                               .lagged_peaks = in.at("lagged_peaks").get<double>(),
                                .score = in.at("score").get<double>(),
                                .score_squares = in.at("score_squares").get<double>()};
   if (baseline.pairs < 0) throw std::invalid_argument("baseline pairs");
@@ -89,6 +99,7 @@ json drift_json(const DriftState& drift) {
   for (const auto& axis : drift.charts)
     for (const auto& side : axis)
       for (const DriftState::Chart& chart : side) charts.push_back(chart_json(chart));
+  for (const DriftState::Chart& chart : drift.peak_charts) charts.push_back(chart_json(chart));
   return {{"recent", recent},
           {"baseline", baseline_json(drift.baseline)},
           {"charts", charts},
@@ -103,6 +114,7 @@ DriftState drift_from(const json& in) {
   for (auto& axis : drift.charts)
     for (auto& side : axis)
       for (DriftState::Chart& chart : side) chart = chart_from(in.at("charts").at(next++));
+  for (DriftState::Chart& chart : drift.peak_charts) chart = chart_from(in.at("charts").at(next++));
   drift.verdict = drift_verdict(in.at("verdict").get<int>());
   return drift;
 }

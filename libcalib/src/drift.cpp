@@ -25,7 +25,7 @@ constexpr double max_share = 0.36, max_sum_share = 1.2;
 /// Shares of the limit at which there is a first sign, and a suspicion.
 constexpr double first_sign_share = 0.25, suspect_share = 0.8;
 /// Pairs within which a shift that is called noticeable is noticed.
-constexpr double noticed_pairs = 100;
+constexpr double noticed_pairs = 50;
 /// What is not sure of the baseline's mean, 1 / sqrt(pairs) deviations, is added to the reference this many times.
 constexpr double mean_sigmas = 1.5;
 
@@ -44,8 +44,8 @@ double start_misalignment(const DriftBaseline& seen, int axis, double max_bias) 
 
 double cusum_limit(double k, double false_alarms_per_pair) {
   // Average run length of one one-sided CUSUM of independent normal values: exp(2 k (h + 1.166)) / (2 k^2) (Siegmund
-  // 1985, Eq. 2.56). There are 24 of them.
-  const double run_length = 24 / false_alarms_per_pair;
+  // 1985, Eq. 2.56). There are 26 of them.
+  const double run_length = 26 / false_alarms_per_pair;
   return std::log(2 * k * k * run_length) / (2 * k) - 1.166;
 }
 
@@ -67,25 +67,36 @@ double DriftMonitor::reference(std::size_t chart) const {
   return cusum_references[chart] + mean_sigmas / std::sqrt(state_.baseline.pairs);
 }
 
+/// Half-way between the peak as it was and none, so that scenery of flatter hills is not taken for a knock.
+double DriftMonitor::peak_reference(std::size_t chart) const {
+  const DriftBaseline& baseline = state_.baseline;
+  return std::max(reference(chart), baseline.peak / baseline.peak_spread() / 2);
+}
+
 void DriftMonitor::accumulate() {
   if (state_.recent.size() < median_pairs) return;
+  const DriftBaseline& baseline = state_.baseline;
   const auto latest = state_.recent.end() - median_pairs;
+  const auto add = [&](DriftState::Chart& chart, double more, double limit) {
+    if (chart.sum <= 0) chart.since = latest[1].stamp;
+    // Two bad pairs make two bad medians at most. Sums are capped, so that a long drift does not take for ever to
+    // clear.
+    chart.sum = std::clamp(chart.sum + std::min(more, max_share * limit), 0.0, max_sum_share * limit);
+  };
   for (int axis = 0; axis < 6; ++axis) {
-    const DriftBaseline& baseline = state_.baseline;
     if (!baseline.observable(axis)) continue;
     const double slope = median(latest[0].slope[axis], latest[1].slope[axis], latest[2].slope[axis]);
     const double away = (slope - baseline.slope[axis]) / baseline.spread(axis);
     for (std::size_t side = 0; side < 2; ++side)
       for (std::size_t chart = 0; chart < limits_.size(); ++chart) {
-        auto& [sum, since] = state_.charts[static_cast<std::size_t>(axis)][side][chart];
-        if (sum <= 0) since = latest[1].stamp;
         const double value = std::min((side == 0 ? away : -away) - negligible(axis), max_deviation);
-        // Two bad pairs make two bad medians at most. Sums are capped, so that a long drift does not take for ever to
-        // clear.
-        const double more = std::min(value - reference(chart), max_share * limits_[chart]);
-        sum = std::clamp(sum + more, 0.0, max_sum_share * limits_[chart]);
+        add(state_.charts[static_cast<std::size_t>(axis)][side][chart], value - reference(chart), limits_[chart]);
       }
   }
+  if (baseline.peak_spread() <= 0) return;
+  const double lost = (baseline.peak - median(latest[0].peak, latest[1].peak, latest[2].peak)) / baseline.peak_spread();
+  for (std::size_t chart = 0; chart < limits_.size(); ++chart)
+    add(state_.peak_charts[chart], lost - peak_reference(chart), limits_[chart]);
 }
 
 double DriftMonitor::evidence(int axis) const {
@@ -96,8 +107,17 @@ double DriftMonitor::evidence(int axis) const {
   return most;
 }
 
-double DriftMonitor::evidence() const {
+double DriftMonitor::peak_evidence() const {
   double most = 0;
+  for (std::size_t chart = 0; chart < limits_.size(); ++chart)
+    most = std::max(most, state_.peak_charts[chart].sum / limits_[chart]);
+  return most;
+}
+
+bool DriftMonitor::beyond_hill() const { return peak_evidence() >= first_sign_share; }
+
+double DriftMonitor::evidence() const {
+  double most = peak_evidence();
   for (int axis = 0; axis < 6; ++axis) most = std::max(most, evidence(axis));
   return most;
 }
@@ -109,7 +129,16 @@ bool DriftMonitor::is_usual(const AxisEvidence& evidence) const {
     if (spread > 0 && std::abs(evidence.slope[axis] - state_.baseline.slope[axis]) > max_deviation * spread)
       return false;
   }
-  return true;
+  return std::abs(evidence.peak - state_.baseline.peak) <= max_deviation * state_.baseline.peak_spread();
+}
+
+bool DriftMonitor::notices_lost_peak() const {
+  const DriftBaseline& baseline = state_.baseline;
+  bool notices = false;
+  for (std::size_t chart = 0; chart < limits_.size() && baseline.peak_spread() > 0; ++chart)
+    notices =
+        notices || (baseline.peak / baseline.peak_spread() - peak_reference(chart)) * noticed_pairs > limits_[chart];
+  return notices;
 }
 
 DriftVerdict DriftMonitor::decide() const {
@@ -119,6 +148,7 @@ DriftVerdict DriftMonitor::decide() const {
   // Hysteresis: what was drifted stays so, and what was suspect stays so, until little evidence is left.
   if (now >= first_sign_share && (before == DriftVerdict::drifted || before == DriftVerdict::suspect)) return before;
   if (now >= suspect_share) return DriftVerdict::suspect;
+  if (!notices_lost_peak()) return DriftVerdict::blind;
   for (int axis = 0; axis < 3; ++axis)
     if (noticeable_shift(axis) > settings_.must_notice_rotation_rad) return DriftVerdict::blind;
   return DriftVerdict::calibrated;
@@ -184,6 +214,7 @@ std::string DriftMonitor::reason() const {
 
 /// The rotation that is least likely to be noticed.
 std::string DriftMonitor::least_noticeable() const {
+  if (!notices_lost_peak()) return "the extrinsic hardly scores better than its neighbours, so that even a large knock";
   int least = 0;
   for (int axis = 1; axis < 3; ++axis)
     if (noticeable_shift(axis) > noticeable_shift(least)) least = axis;
@@ -200,11 +231,13 @@ std::string DriftMonitor::least_noticeable() const {
 std::string DriftMonitor::moved_axes() const {
   const auto estimate = misalignment();
   std::string words;
-  for (int axis = 0; estimate && axis < 6; ++axis)
-    if (estimate->delta[axis] != 0)
-      words += (words.empty() ? ": " : "; ") + std::string(axis_names[axis]) + " " +
-               motion_in_words(axis, estimate->delta[axis], estimate->sigma()[axis]);
-  return words;
+  for (int axis = 0; estimate && axis < 6; ++axis) {
+    if (estimate->delta[axis] == 0) continue;
+    words += (words.empty() ? ": " : "; ") + std::string(axis_names[axis]) + " ";
+    words += beyond_hill() ? motion_in_words(axis, estimate->delta[axis]) + " or more"
+                           : motion_in_words(axis, estimate->delta[axis], estimate->sigma()[axis]);
+  }
+  return words.empty() ? ", too far to tell where to" : words;
 }
 
 double DriftMonitor::noticeable_shift(int axis) const {
@@ -221,11 +254,14 @@ std::optional<Timestamp> DriftMonitor::first_sign() const {
   if (!learned()) return Timestamp::min();
   // A patient sum reaches back into the chance of before; where a quick one speaks too, it knows better.
   std::optional<Timestamp> first;
-  for (std::size_t chart = 0; chart < limits_.size() && !first; ++chart)
+  for (std::size_t chart = 0; chart < limits_.size() && !first; ++chart) {
+    const auto consider = [&](const DriftState::Chart& speaks) {
+      if (speaks.sum >= first_sign_share * limits_[chart] && (!first || speaks.since < *first)) first = speaks.since;
+    };
+    consider(state_.peak_charts[chart]);
     for (const auto& axis : state_.charts)
-      for (const auto& side : axis)
-        if (side[chart].sum >= first_sign_share * limits_[chart] && (!first || side[chart].since < *first))
-          first = side[chart].since;
+      for (const auto& side : axis) consider(side[chart]);
+  }
   return first;
 }
 

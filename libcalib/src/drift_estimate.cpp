@@ -15,6 +15,8 @@ constexpr int least_estimate_pairs = 3;
 constexpr double sure_sigmas = 3;
 /// Slopes answer to a shift in proportion, give or take this share.
 constexpr double nonlinear_share = 0.1;
+/// So much better must a translation explain the slopes than a rotation would, in squared standard deviations.
+constexpr double slide_penalty = 1;
 /// Variance of the median of many normal values, in that of their mean.
 constexpr double median_variance = 1.57;
 
@@ -64,14 +66,15 @@ struct Explanation {
         if (moved[axis]) continue;
         Axes with = moved;
         with[axis] = true;
-        if (const double left = misfit(with); left < least) {
+        // A mount bends sooner than it slides.
+        if (const double left = misfit(with) + (axis < 3 ? 0 : slide_penalty); left < least) {
           least = left;
           best = axis;
         }
       }
       if (!best) break;
       moved[*best] = true;
-      misfit_before = least;
+      misfit_before = misfit(moved);
     }
     return shift(moved);
   }
@@ -108,8 +111,11 @@ std::optional<DriftMonitor::Estimate> DriftMonitor::misalignment() const {
   const Matrix6 noise = spread * (median_variance / pairs + 1.0 / baseline.pairs) +
                         Matrix6(curved.cwiseAbs2().asDiagonal()) + 1e-9 * Matrix6::Identity();
   problem.information = noise.inverse();
-  return Estimate{prior.cwiseProduct(problem.simplest()).cwiseMax(-2 * prior).cwiseMin(2 * prior),
-                  prior.asDiagonal() * problem.precision(all_axes).inverse() * prior.asDiagonal()};
+  const Vector6 farthest = 2 * prior;
+  Estimate estimate{prior.cwiseProduct(problem.simplest()).cwiseMax(-farthest).cwiseMin(farthest),
+                    prior.asDiagonal() * problem.precision(all_axes).inverse() * prior.asDiagonal()};
+  if (beyond_hill()) estimate.covariance = farthest.cwiseAbs2().asDiagonal();
+  return estimate;
 }
 
 }  // namespace calib

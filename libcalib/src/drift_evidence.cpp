@@ -16,6 +16,15 @@ constexpr StencilStep response_shift{.rotation_rad = 0.4 * radians_per_degree, .
 
 double deviation(double sum_of_squares, int count) { return count < 2 ? 0 : std::sqrt(sum_of_squares / (count - 1)); }
 
+/// Standard deviation of one of `count` values as it counts in long sums.
+double long_deviation(double sum_of_squares, double lagged_products, int count) {
+  if (count < 2 || sum_of_squares <= 0) return 0;
+  const double correlation = std::clamp(lagged_products / sum_of_squares, 0.0, max_correlation);
+  // It is itself unsure by 1 / sqrt(2 n) of it: two of these more, for too small a one would raise false alarms.
+  return deviation(sum_of_squares, count) * (1 + 2 / std::sqrt(2.0 * count)) *
+         std::sqrt((1 + correlation) / (1 - correlation));
+}
+
 /// Slopes of the score along each axis.
 Vector6 slopes(const FeatureSet& frame, const RigidTransform& T_camera_lidar, const StencilStep& step,
                const Objective& objective) {
@@ -46,7 +55,9 @@ Stencil evaluate_stencil(const FeatureSet& frame, const RigidTransform& T_camera
 }
 
 AxisEvidence axis_evidence(const Stencil& stencil, Timestamp stamp, const StencilStep& step) {
-  AxisEvidence evidence{.stamp = stamp, .score = stencil.current};
+  AxisEvidence evidence{.stamp = stamp,
+                        .score = stencil.current,
+                        .peak = stencil.current - (stencil.minus.sum() + stencil.plus.sum()) / 12};
   for (int axis = 0; axis < 6; ++axis)
     evidence.slope[axis] = (stencil.plus[axis] - stencil.minus[axis]) / (2 * step.of_axis(axis));
   return evidence;
@@ -76,19 +87,21 @@ void DriftBaseline::add(const AxisEvidence& evidence) {
   const Matrix6 response_before = *evidence.response - response;
   response += response_before / pairs;
   response_squares += response_before.diagonal().cwiseProduct((*evidence.response - response).diagonal());
+  const double peak_before = evidence.peak - peak;
+  peak += peak_before / pairs;
+  peak_squares += peak_before * (evidence.peak - peak);
+  if (pairs > 1) lagged_peaks += (evidence.peak - peak) * (latest_peak - peak);
+  latest_peak = evidence.peak;
   const double score_before = evidence.score - score;
   score += score_before / pairs;
   score_squares += score_before * (evidence.score - score);
 }
 
 double DriftBaseline::spread(int axis) const {
-  if (pairs < 2 || slope_products(axis, axis) <= 0) return 0;
-  const double correlation = std::clamp(lagged_products[axis] / slope_products(axis, axis), 0.0, max_correlation);
-  // The deviation of n values is itself unsure by 1 / sqrt(2 n) of it: two of these more, for too small a one would
-  // raise false alarms.
-  return deviation(slope_products(axis, axis), pairs) * (1 + 2 / std::sqrt(2.0 * pairs)) *
-         std::sqrt((1 + correlation) / (1 - correlation));
+  return long_deviation(slope_products(axis, axis), lagged_products[axis], pairs);
 }
+
+double DriftBaseline::peak_spread() const { return long_deviation(peak_squares, lagged_peaks, pairs); }
 
 bool DriftBaseline::observable(int axis) const {
   const double error = deviation(response_squares[axis], pairs) / std::sqrt(std::max(1, pairs));

@@ -52,6 +52,9 @@ inline CalibrationRecord::Baseline random_baseline(std::mt19937& random) {
     for (int column = 0; column <= row; ++column)
       baseline.slope_covariance(row, column) = baseline.slope_covariance(column, row) =
           row == column ? std::abs(random_number(random)) : random_number(random);
+  baseline.peak = random_number(random);
+  baseline.peak_deviation = std::abs(random_number(random));
+  baseline.peak_correlation = random_number(random);
   baseline.score = random_number(random);
   baseline.score_deviation = std::abs(random_number(random));
   return baseline;

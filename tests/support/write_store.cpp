@@ -75,6 +75,8 @@ CalibrationRecord baseline_record(const CalibrationRecord& in_force) {
                                                 .slope_covariance = 4 * Matrix6::Identity(),
                                                 .response = 100 * Matrix6::Identity(),
                                                 .response_deviation = Vector6::Constant(10),
+                                                .peak = 0.25,
+                                                .peak_deviation = 0.0625,
                                                 .score = 1.25,
                                                 .score_deviation = 0.0625};
   return record;

@@ -24,6 +24,7 @@ class Vehicle {
 
   AxisEvidence see() {
     AxisEvidence evidence{.stamp = now += 10s, .score = 1.2, .response = Matrix6::Zero()};
+    evidence.peak = peak + peak_noise * random_.gaussian();
     for (int axis = 0; axis < 6; ++axis) {
       const double h = StencilStep{}.of_axis(axis);
       error_[axis] = correlation * error_[axis] + std::sqrt(1 - correlation * correlation) * random_.gaussian();
@@ -37,6 +38,8 @@ class Vehicle {
     return monitor.verdict();
   }
 
+  static constexpr double peak_noise = 0.005;
+  double peak = 0.02;  // by which the extrinsic stands above its neighbours
   Timestamp now{};
   double correlation = 0;  // of the noise of consecutive pairs
 
@@ -256,6 +259,32 @@ TEST_CASE("a monitor that could not notice a rotation says so and calls nothing 
     vehicle.offset[(blind + 1) % 6] = 1;
     CHECK(vehicle.drive(monitor, 20) == DriftVerdict::drifted);  // what is seen is told all the same
   }
+}
+
+TEST_CASE("a LiDAR knocked so far that no slope tells of it is noticed by the peak that is lost, flatter scenery is not") {
+  for (std::uint64_t seed = 0; seed < 40; ++seed) {
+    Vehicle vehicle(seed);
+    DriftMonitor monitor({});
+    vehicle.drive(monitor, 60);
+    vehicle.peak *= 0.7;
+    REQUIRE(vehicle.drive(monitor, 500) == DriftVerdict::calibrated);
+    vehicle.peak = 0;
+    REQUIRE(pairs_until_drifted(vehicle, monitor, 50) <= 30);
+    CHECK_THAT(monitor.reason(), Catch::Matchers::ContainsSubstring("too far to tell where to"));
+    CHECK(monitor.misalignment()->sigma()[3] == Approx(2 * StencilStep{}.translation_m));
+  }
+}
+
+TEST_CASE("an extrinsic that is not the best of its neighbours is never called calibrated") {
+  Vehicle vehicle(13);
+  vehicle.peak = 0;
+  DriftMonitor monitor({});
+  for (int pair = 0; pair < 200; ++pair) {
+    vehicle.drive(monitor, 1);
+    REQUIRE(monitor.verdict() != DriftVerdict::calibrated);
+  }
+  CHECK(monitor.verdict() == DriftVerdict::blind);
+  CHECK_THAT(monitor.reason(), Catch::Matchers::ContainsSubstring("even a large knock could go unnoticed"));
 }
 
 TEST_CASE("the noise of the evidence decides which shift would be noticed") {

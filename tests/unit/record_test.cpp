@@ -50,6 +50,9 @@ CalibrationRecord baseline_record() {
                                                 .slope_correlation = Vector6::Constant(0.25),
                                                 .response = 8 * Matrix6::Identity(),
                                                 .response_deviation = Vector6::Constant(1.5),
+                                                .peak = 0.25,
+                                                .peak_deviation = 0.0625,
+                                                .peak_correlation = 0.5,
                                                 .score = 1.25,
                                                 .score_deviation = 0.125};
   record.baseline->response(0, 1) = 3;  // not symmetric
@@ -94,7 +97,7 @@ TEST_CASE("a baseline is a field of its record alone, matrices by rows") {
   const std::string six = "[-0.5,-0.5,-0.5,-0.5,-0.5,-0.5]";
   const std::string text = canonical_bytes(baseline_record());
   CHECK_THAT(text,
-             ContainsSubstring(R"("asked_by":"calibd","baseline":{"pairs":20,"response":[[8.0,3.0,0.0,0.0,0.0,0.0],)"
+             ContainsSubstring(R"("asked_by":"calibd","baseline":{"pairs":20,"peak":0.25,"peak_correlation":0.5,"peak_deviation":0.0625,"response":[[8.0,3.0,0.0,0.0,0.0,0.0],)"
                                R"([0.0,8.0,0.0,0.0,0.0,0.0],)"));
   CHECK_THAT(text, ContainsSubstring(R"("score":1.25,"score_deviation":0.125,"slope":)" + six +
                                      R"(,"slope_correlation":[0.25,)"));
@@ -114,6 +117,7 @@ TEST_CASE("a baseline is a field of its record alone, matrices by rows") {
            replaced(text, R"("slope_covariance":[[2.0,0.0)", R"("slope_covariance":[[2.0,1.0)"),
            replaced(text, R"("slope_covariance":[[2.0)", R"("slope_covariance":[[-2.0)"),
            replaced(text, R"("score_deviation":0.125)", R"("score_deviation":-0.125)"),
+           replaced(text, R"("peak_deviation":0.0625)", R"("peak_deviation":-0.0625)"),
            replaced(canonical_bytes(full_record()), R"("decision":"accepted")", R"("decision":"baseline")"),
        }) {
     INFO(bad);
@@ -162,6 +166,9 @@ TEST_CASE("any record comes back from its canonical bytes") {
       CHECK(read.baseline->response_deviation == record.baseline->response_deviation);
       CHECK(read.baseline->score == record.baseline->score);
       CHECK(read.baseline->score_deviation == record.baseline->score_deviation);
+      CHECK(read.baseline->peak == record.baseline->peak);
+      CHECK(read.baseline->peak_deviation == record.baseline->peak_deviation);
+      CHECK(read.baseline->peak_correlation == record.baseline->peak_correlation);
     }
     CHECK(read.frame_stamps_ns == record.frame_stamps_ns);
     CHECK(read.configuration_sha256 == record.configuration_sha256);

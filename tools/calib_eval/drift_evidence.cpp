@@ -16,6 +16,7 @@ AxisEvidence Ladder::at(double offset, std::size_t frame) const {
   const AxisEvidence& above = rungs[below + 1][frame];
   between.slope += share * (above.slope - between.slope);
   between.score += share * (above.score - between.score);
+  between.peak += share * (above.peak - between.peak);
   *between.response += share * (*above.response - *between.response);
   return between;
 }

@@ -34,6 +34,7 @@ class Journey {
     shown_.stamp += period_;
     shown_.slope = evidence.slope;
     shown_.score = evidence.score;
+    shown_.peak = evidence.peak;
     if (monitor.wants_response())
       shown_.response = evidence.response;
     else

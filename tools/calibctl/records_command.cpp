@@ -61,7 +61,8 @@ std::string score_words(double before, double after) {
 /// Per axis, in degrees and cm: how the slope lies and scatters, and what a shift does to it.
 void baseline_lines(Text& text, const CalibrationRecord::Baseline& baseline) {
   text.line("Baseline", "of " + counted(baseline.pairs, "pair") + ", score " + decimals(baseline.score, 5) +
-                            ", sigma " + decimals(baseline.score_deviation, 5));
+                            ", sigma " + decimals(baseline.score_deviation, 5) + ", above its neighbours by " +
+                            decimals(baseline.peak, 5) + ", sigma " + decimals(baseline.peak_deviation, 5));
   for (int axis = 0; axis < 6; ++axis) {
     const double unit = axis < 3 ? radians_per_degree : 0.01;
     text.line(axis_label(axis), "slope " + decimals(baseline.slope[axis] * unit, 5) + ", sigma " +

@@ -35,6 +35,9 @@ struct AxisEvidence {
   /// the LiDAR went.
   Vector6 slope = Vector6::Zero();
   double score = 0;
+  /// By how much the score stands above the mean of its twelve neighbours. Slopes vanish when the hill has gone
+  /// altogether; this does so too, and tells.
+  double peak = 0;
   /// How the slopes (rows) answer to a LiDAR that moves along each axis (columns), per rad and m. Takes a dozen
   /// stencils, so it is known of those pairs only from which a baseline is learned.
   std::optional<Matrix6> response{};
@@ -53,6 +56,8 @@ struct DriftBaseline {
   Vector6 lagged_products = Vector6::Zero();   // sum of products of deviations of consecutive pairs
   Matrix6 response = Matrix6::Zero();          // mean
   Vector6 response_squares = Vector6::Zero();  // of its diagonal: sum of squared deviations
+  double peak = 0, peak_squares = 0;           // mean, sum of squared deviations
+  double latest_peak = 0, lagged_peaks = 0;    // as of slopes
   double score = 0, score_squares = 0;         // mean, sum of squared deviations
 
   /// `evidence` has a response.
@@ -60,6 +65,8 @@ struct DriftBaseline {
   /// Standard deviation of one pair's slope as it counts in long sums: larger where consecutive pairs err alike, and
   /// taken somewhat large as long as it comes of few pairs.
   [[nodiscard]] double spread(int axis) const;
+  /// Likewise of the peak.
+  [[nodiscard]] double peak_spread() const;
   /// Whether the scenes tell anything of the axis at all: its mean response is significantly that of a hill.
   [[nodiscard]] bool observable(int axis) const;
 };
@@ -107,6 +114,8 @@ struct DriftState {
   };
   /// [axis][side: 0 positive, 1 negative][as `cusum_references`]
   std::array<std::array<std::array<Chart, 2>, 2>, 6> charts{};
+  /// Those of a peak that is lost, as `cusum_references`.
+  std::array<Chart, 2> peak_charts{};
   DriftVerdict verdict = DriftVerdict::learning;
 };
 
@@ -138,14 +147,14 @@ class DriftMonitor {
   /// baseline, LiDAR frame (rad, m). Slopes of different axes answer to one shift (pitch and z, yaw and y), so `delta`
   /// is the simplest explanation, by as few axes as will do; at most two stencil steps each, beyond which it is "at
   /// least". `covariance` is of all explanations, given that no axis is likely to be off by more than a stencil step.
-  /// Needs three pairs and a baseline.
+  /// Where the peak is being lost it is as wide as two steps. Needs three pairs and a baseline.
   struct Estimate {
     Vector6 delta = Vector6::Zero();
     Matrix6 covariance = Matrix6::Zero();
     [[nodiscard]] Vector6 sigma() const { return covariance.diagonal().cwiseSqrt(); }
   };
   [[nodiscard]] std::optional<Estimate> misalignment() const;
-  /// The shift along an axis (rad or m) that would be noticed within a hundred pairs; infinite for an axis that is not
+  /// The shift along an axis (rad or m) that would be noticed within fifty pairs; infinite for an axis that is not
   /// observable. Needs a baseline.
   [[nodiscard]] double noticeable_shift(int axis) const;
   /// Stamp of the pair where the evidence of drift begins; `Timestamp::min()` for an extrinsic wrong from the start.
@@ -160,6 +169,12 @@ class DriftMonitor {
   /// Both in deviations of one pair: the shift of an axis that is not looked for, and a chart's reference value.
   [[nodiscard]] double negligible(int axis) const;
   [[nodiscard]] double reference(std::size_t chart) const;
+  [[nodiscard]] double peak_reference(std::size_t chart) const;
+  /// The largest sum of the peak's charts, as a share of its limit; whether there is a first sign of its loss.
+  [[nodiscard]] double peak_evidence() const;
+  [[nodiscard]] bool beyond_hill() const;
+  /// Whether a lost peak would be noticed within fifty pairs.
+  [[nodiscard]] bool notices_lost_peak() const;
   void accumulate();
   [[nodiscard]] bool is_usual(const AxisEvidence& evidence) const;
   [[nodiscard]] DriftVerdict decide() const;

@@ -63,6 +63,8 @@ struct CalibrationRecord {
     /// deviation of its diagonal between pairs.
     Matrix6 response = Matrix6::Zero();
     Vector6 response_deviation = Vector6::Zero();
+    /// By how much the score stands above the mean of its twelve neighbours.
+    double peak = 0, peak_deviation = 0, peak_correlation = 0;
     double score = 0, score_deviation = 0;
   };
   std::optional<Baseline> baseline;
