@@ -57,8 +57,8 @@ def result_of(drift, path, *arguments):
 def street(drift, tmp_path_factory):
     """Knocks in simulated streets: the result, its file and the lines on standard output."""
     path = tmp_path_factory.mktemp("street") / "r.json"
-    result, lines = result_of(drift, path, "--sim", "--sim-places", 4, "--frames", 16, "--knock", "0.5deg,20cm", "--seeds", 40,
-                              "--weeks", 20)
+    result, lines = result_of(drift, path, "--sim", "--sim-places", 3, "--frames", 12, "--knock", "0.5deg,20cm", "--seeds", 40,
+                              "--weeks", 12)
     return types.SimpleNamespace(result=result, path=path, lines=lines)
 
 
@@ -82,28 +82,26 @@ def test_every_knock_is_found_in_simulated_streets(street):
         (axis, pytest.approx(side * size)) for axes, size in ((AXES[:3], 0.5), (AXES[3:], 20)) for axis in axes for side in (1, -1)]
     for knock in knocks:
         assert knock["sequences"] == 40 and knock["without_baseline"] == 0
-        if knock["unit"] == "deg":
-            assert knock["detected"] == 40 and knock["median_delay_pairs"] <= 10, knock["axis"]
+        assert knock["detected"] == 40 and knock["median_delay_pairs"] <= (8 if knock["unit"] == "deg" else 30), knock["axis"]
         assert len(knock["delays"]) == 40
         found = [delay for delay in knock["delays"] if delay is not None]
         assert knock["detected"] == len(found)
         assert all(20 <= before <= 120 for before in knock["moved_after"])
-        if len(found) == 40:
-            assert knock["median_delay_pairs"] == sorted(found)[19] and knock["p95_delay_pairs"] == sorted(found)[37]
+        assert knock["median_delay_pairs"] == sorted(found)[19] and knock["p95_delay_pairs"] == sorted(found)[37]
 
 
 def test_no_false_alarm_is_raised_in_simulated_streets(street):
     null = street.result["null"]
     assert null["false_alarms"] == 0 and null["rate_per_1000_vehicle_weeks"] == 0
-    assert null["sequences"] == 2 and null["vehicle_weeks"] == pytest.approx(20, rel=0.01)
-    assert null["decisions"] + null["pairs_learning"] + null["pairs_blind"] == 20 * 56 * 360
+    assert null["sequences"] == 2 and null["vehicle_weeks"] == pytest.approx(12, rel=0.01)
+    assert null["decisions"] + null["pairs_learning"] + null["pairs_blind"] == 12 * 56 * 360
     assert null["upper95"] == pytest.approx(1000 * 2.9957 / null["vehicle_weeks"], rel=1e-4)
 
 
 def test_the_text_says_what_the_result_says(street):
     text = "\n".join(street.lines)
-    assert street.lines[0].startswith("16 frames") and "what none of them shows" in street.lines[1]
-    assert "no false alarm: at most 150 in 1000 vehicle-weeks" in text
+    assert street.lines[0].startswith("12 frames") and "what none of them shows" in street.lines[1]
+    assert "no false alarm: at most 250 in 1000 vehicle-weeks" in text
     table = street.lines[-12:]
     for line, knock in zip(table, street.result["knocks"]):
         assert line.startswith(knock["axis"]) and f"{knock['detected']} of 40" in line
@@ -151,12 +149,11 @@ def test_the_same_seed_gives_the_same_result_with_any_number_of_threads(drift, t
 
 
 def test_a_lidar_that_creeps_is_found(drift, tmp_path):
-    result, lines = result_of(drift, tmp_path / "r.json", *SMALL, "--depth", "true", "--rate", 6)
+    result, lines = result_of(drift, tmp_path / "r.json", *SMALL, "--depth", "true", "--rate", 6, "--pairs", 40)
     assert [knock["axis"] for knock in result["knocks"]] == ["roll", "roll", "pitch", "pitch", "yaw", "yaw"]
-    assert result["settings"]["pairs"] == 60, "one degree at six an hour, a pair every ten seconds"
     for knock in result["knocks"]:
         assert knock["unit"] == "deg/h" and knock["detected"] == 5
-        assert 5 < knock["median_delay_pairs"] < 60
+        assert 5 < knock["median_delay_pairs"] <= 40
     assert any(line.startswith("yaw    -6 deg/h") for line in lines)
 
 
@@ -216,4 +213,4 @@ def test_real_frames_raise_no_alarm_and_half_a_degree_does(drift, kitti_drive, t
                           "--weeks", 50)
     assert result["null"]["false_alarms"] == 0
     for knock in result["knocks"]:
-        assert knock["detected"] >= 45 and knock["median_delay_pairs"] <= 10
+        assert knock["detected"] == 50 and knock["median_delay_pairs"] <= 5

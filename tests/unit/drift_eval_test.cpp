@@ -23,6 +23,7 @@ std::vector<AxisEvidence> evidence_at(const Vector6& moved, std::size_t frames) 
     vehicle::Random random(i);
     for (int axis = 0; axis < 6; ++axis) evidence[i].slope[axis] = hill * (moved[axis] + sigma_rad * random.gaussian());
     evidence[i].score = 1.1 + 0.01 * random.gaussian();
+    evidence[i].peak = 0.02 + 0.001 * random.gaussian();
     evidence[i].response = hill * Matrix6::Identity();
     for (int axis = 0; axis < 6; ++axis) (*evidence[i].response)(axis, axis) *= 1 + 0.1 * random.gaussian();
   }
@@ -100,6 +101,9 @@ TEST_CASE("evidence between two rungs is interpolated, and none is beyond the la
   CHECK(yaw_at(-0.003) == Approx(-0.3));
   CHECK(yaw_at(-0.006) == Approx(-0.6));
   CHECK(yaw_at(-1) == Approx(-0.6));
+  Ladder flatter = ladder;
+  flatter.rungs[1][0].peak = 0;
+  CHECK(flatter.at(-0.001, 0).peak == Approx(ladder.rungs[0][0].peak / 2));
   CHECK(ladder.at(-0.003, 0).response);
 }
 

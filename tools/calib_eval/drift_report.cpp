@@ -100,12 +100,14 @@ MovedRuns::Summary MovedRuns::summarise() const {
 void Timeline::add(const DriftMonitor& monitor, bool moved) {
   if (!moved) ++moved_at;
   verdicts.push_back(monitor.verdict());
-  std::array<double, 6> now{};
-  for (int axis = 0; axis < 6; ++axis)
-    for (const auto& side : monitor.state().charts[axis])
-      for (std::size_t i = 0; i < side.size(); ++i)
-        now[axis] = std::max(now[axis],
-                             side[i].sum / cusum_limit(cusum_references[i], monitor.settings().false_alarms_per_pair));
+  std::array<double, 7> now{};
+  const DriftState& state = monitor.state();
+  for (std::size_t chart = 0; chart < cusum_references.size(); ++chart) {
+    const double limit = cusum_limit(cusum_references[chart], monitor.settings().false_alarms_per_pair);
+    for (std::size_t axis = 0; axis < 6; ++axis)
+      for (const auto& side : state.charts[axis]) now[axis] = std::max(now[axis], side[chart].sum / limit);
+    now[6] = std::max(now[6], state.peak_charts[chart].sum / limit);
+  }
   evidence.push_back(now);
 }
 
@@ -178,19 +180,22 @@ Json to_json(const OperatingPoint& point) {
 
 std::string to_text(const std::optional<Sights>& sights) {
   if (!sights) return "no baseline is ever learned from these frames: misalignment is seen from the start\n";
-  std::string lines = text("%-6s  %16s  %24s\n", "axis", "sigma of a pair", "noticed within 100 pairs");
+  std::string lines = text("%-6s  %16s  %17s\n", "axis", "sigma of a pair", "would be noticed");
   const auto value = [](const std::optional<double>& of, int axis) {
     return of ? text("%.2f %s", *of, unit_of(axis)) : "not observable";
   };
   for (int axis = 0; axis < 6; ++axis)
-    lines += text("%-6s  %16s  %24s\n", std::string(axis_names[axis]).c_str(),
+    lines += text("%-6s  %16s  %17s\n", std::string(axis_names[axis]).c_str(),
                   value((*sights)[axis].sigma_of_pair, axis).c_str(), value((*sights)[axis].noticeable, axis).c_str());
   return lines;
 }
 
 std::string to_text(const NullRun& run) {
-  std::string lines = text("LiDAR in its place: %lld vehicles, %.0f vehicle-weeks with a verdict\n",
-                           static_cast<long long>(run.sequences), run.weeks);
+  const auto judged = static_cast<double>(run.decisions);
+  std::string lines =
+      text("LiDAR in its place: %lld vehicles, %.0f vehicle-weeks, %.3g %% of the pairs with a verdict\n",
+           static_cast<long long>(run.sequences), run.weeks,
+           100 * judged / (judged + static_cast<double>(run.learning + run.blind)));
   const auto upper = run.upper95_per_1000_weeks();
   if (!upper) return lines + "  no verdict at all: these frames let nothing be judged\n";
   lines += run.false_alarms == 0 ? text("  no false alarm: at most %.3g in 1000 vehicle-weeks, at 95 %%\n", *upper)
@@ -201,9 +206,6 @@ std::string to_text(const NullRun& run) {
                   static_cast<long long>(run.from_start));
   lines +=
       text("  %.3g false suspects in 1000 vehicle-weeks\n", 1000 * static_cast<double>(run.false_suspects) / run.weeks);
-  if (run.blind > 0)
-    lines += text("  %.3g %% of the pairs without a verdict: too unsure\n",
-                  100 * static_cast<double>(run.blind) / static_cast<double>(run.blind + run.learning + run.decisions));
   return lines;
 }
 

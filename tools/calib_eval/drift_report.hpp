@@ -9,7 +9,7 @@
 namespace calib::eval {
 
 /// What a monitor sees along an axis once its baseline is as good as it gets, median over vehicles: standard deviation
-/// of the offset that one pair tells, and the shift that it would notice within a hundred pairs. Degrees or cm; nothing
+/// of the offset that one pair tells, and the shift that it says it would notice. Degrees or cm; nothing
 /// where the axis is not observable.
 struct AxisSight {
   std::optional<double> sigma_of_pair, noticeable;
@@ -42,8 +42,8 @@ struct Timeline {
   const MovedRuns* of = nullptr;
   std::size_t moved_at = 0;  // number of the first pair after the LiDAR has moved
   std::vector<DriftVerdict> verdicts;
-  /// Of each axis, what the chart that comes nearest to its limit has of that.
-  std::vector<std::array<double, 6>> evidence;
+  /// Of each axis, and of the peak that is lost: what the chart that comes nearest to its limit has of that.
+  std::vector<std::array<double, 7>> evidence;
 
   void add(const DriftMonitor& monitor, bool moved);
 };

@@ -88,11 +88,11 @@ std::size_t usual_block(std::size_t frames) {
 }
 
 std::optional<double> NullRun::per_1000_weeks() const {
-  return weeks > 0 ? std::optional(1000 * static_cast<double>(false_alarms) / weeks) : std::nullopt;
+  return decisions > 0 ? std::optional(1000 * static_cast<double>(false_alarms) / weeks) : std::nullopt;
 }
 
 std::optional<double> NullRun::upper95_per_1000_weeks() const {
-  return weeks > 0 ? std::optional(1000 * poisson_upper95(false_alarms) / weeks) : std::nullopt;
+  return decisions > 0 ? std::optional(1000 * poisson_upper95(false_alarms) / weeks) : std::nullopt;
 }
 
 double poisson_upper95(std::int64_t count) {
@@ -133,7 +133,7 @@ NullRun drive_without_drift(const std::vector<AxisEvidence>& still, const Sequen
     all.from_start += run.from_start;
     all.false_suspects += run.false_suspects;
   }
-  all.weeks = static_cast<double>(all.decisions) / settings.pairs_per_week();
+  all.weeks = static_cast<double>(all.decisions + all.learning + all.blind) / settings.pairs_per_week();
   return all;
 }
 

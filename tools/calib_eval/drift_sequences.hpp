@@ -46,9 +46,9 @@ struct NullRun {
   std::int64_t decisions = 0, learning = 0, blind = 0;
   /// Verdicts "drifted", and those of them before a baseline was learned; times that "calibrated" became "suspect".
   std::int64_t false_alarms = 0, from_start = 0, false_suspects = 0;
-  double weeks = 0;  // of driving with decisions
+  double weeks = 0;  // of driving, with decisions and without: an alarm may end a blind time, too
 
-  /// Nothing where there was no decision.
+  /// Nothing where there was no decision at all.
   [[nodiscard]] std::optional<double> per_1000_weeks() const;
   /// The rate that would have given more false alarms with a probability of 95 %.
   [[nodiscard]] std::optional<double> upper95_per_1000_weeks() const;

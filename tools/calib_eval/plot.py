@@ -264,6 +264,7 @@ def timelines(canvas, entries):
         for axis in range(6):
             panel.plot(pairs, evidence[:, axis], color=LINES[0] if axis == own else STARTS, lw=2 if axis == own else 0.9,
                        zorder=3 if axis == own else 2)
+        panel.plot(pairs, evidence[:, 6], color=LINES[1], lw=1.3)
         panel.axhline(1, color="0.3", lw=0.8, ls="--")
         panel.axvline(0.5, color="0.1", lw=1.2)
         panel.set(xlim=(max(pairs[0], -shown_before) - 0.5, pairs[-1] + 0.5), ylim=(0, 1.3), title=movement(entry),
@@ -273,6 +274,7 @@ def timelines(canvas, entries):
     figure.suptitle("Verdict and evidence, one sequence each")
     legend_below(figure, [Line2D([], [], color=LINES[0], lw=2, label="the axis itself"),
                           Line2D([], [], color=STARTS, lw=0.9, label="the others"),
+                          Line2D([], [], color=LINES[1], lw=1.3, label="the score's peak is lost"),
                           *(Line2D([], [], color=colour, lw=8, label=name) for name, colour in VERDICTS.items()
                             if name in shown)])
     canvas.save(figure, "timelines")
