@@ -59,6 +59,14 @@ Result<Found> search_observable(Frames fit, const RigidTransform& T, SearchResul
   }
 }
 
+void add_scores(Recalibration& result, Frames fit, Frames held_back, const RigidTransform& T_before,
+                const Objective& objective) {
+  result.score_before = mean_score(fit, T_before, objective).value;
+  result.score_after = mean_score(fit, result.T_camera_lidar, objective).value;
+  result.held_back_before = mean_score(held_back, T_before, objective).value;
+  result.held_back_after = mean_score(held_back, result.T_camera_lidar, objective).value;
+}
+
 /// The first gate's objection.
 Result<Objection> judge(const Candidate& candidate, const Gain& held_back, const RecalibrationSettings& settings,
                         int& evaluations) {
@@ -103,10 +111,7 @@ Result<Recalibration> recalibrate(Frames fit, Frames held_back, const RigidTrans
   result.sigma = found->uncertainty.sigma();
   if (!translated)
     result.sigma.tail<3>() = uncertainty(fit, result.T_camera_lidar, objective, everything).sigma().tail<3>();
-  result.score_before = mean_score(fit, T_camera_lidar, objective).value;
-  result.score_after = mean_score(fit, result.T_camera_lidar, objective).value;
-  result.held_back_before = mean_score(held_back, T_camera_lidar, objective).value;
-  result.held_back_after = mean_score(held_back, result.T_camera_lidar, objective).value;
+  add_scores(result, fit, held_back, T_camera_lidar, objective);
 
   const Candidate candidate{.fit = fit,
                             .held_back = held_back,

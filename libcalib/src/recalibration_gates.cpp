@@ -23,7 +23,7 @@ Matrix6 squares_of(double rotation_rad, double translation_m) {
 }
 
 /// How far `difference` is from zero along `axes`, in standard deviations (Mahalanobis 1936), beyond what chance makes
-/// of so many axes: that grows like the root of their number. By chance it is above 3 once in 10,000 times at most.
+/// of so many axes, which grows like the root of their number: above 3 about three times in a thousand.
 double deviations(const Vector6& difference, const Matrix6& covariance, const std::vector<int>& axes) {
   const Eigen::VectorXd d = difference(axes);
   const Eigen::MatrixXd c = covariance(axes, axes);
@@ -70,11 +70,8 @@ Expectation given_that_others_rest(const Expectation& expected, const std::array
   const std::vector<int> free = axes_where(moved), fixed = axes_where(rest);
   if (fixed.empty()) return expected;
   Matrix6 covariance = expected.covariance + squares_of(1e-6, 1e-6);
-  const Eigen::MatrixXd gain =
-      covariance(free, fixed) *
-      Eigen::MatrixXd(covariance(fixed, fixed))
-          .ldlt()
-          .solve(Eigen::MatrixXd::Identity(static_cast<long>(fixed.size()), static_cast<long>(fixed.size())));
+  const Eigen::MatrixXd of_fixed = covariance(fixed, fixed), of_both = covariance(fixed, free);
+  const Eigen::MatrixXd gain = of_fixed.ldlt().solve(of_both).transpose();
   Expectation given{.delta = Vector6::Zero(), .covariance = Matrix6::Identity(), .reach = expected.reach};
   given.delta(free) = expected.delta(free) - gain * expected.delta(fixed);
   given.covariance(free, free) = covariance(free, free) - gain * covariance(fixed, free);
