@@ -135,7 +135,7 @@ Objection contradicts_expectation(const Candidate& candidate, const Expectation&
   constexpr double share = 0.3;
   Matrix6 covariance = given.covariance + candidate.covariance + squares_of(0.2 * radians_per_degree, 0.08);
   covariance += (share * given.delta).cwiseAbs2().asDiagonal();
-  const bool near = ((candidate.delta.cwiseAbs() - expected.reach).array() < 0).all();
+  const bool near = ((candidate.delta.cwiseAbs() - expected.reach / 2).array() < 0).all();
   std::array<bool, 6> compared = candidate.released;
   for (int axis = 0; axis < 6; ++axis)
     if (!near || std::abs(given.delta[axis]) >= given.reach[axis])
