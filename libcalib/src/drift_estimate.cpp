@@ -55,6 +55,15 @@ struct Explanation {
     return left.dot(information * left) + x.squaredNorm();
   }
 
+  /// Each axis by its own slope where that is sure. Beyond the hill slopes no longer add up, but their signs hold.
+  [[nodiscard]] Vector6 each_alone() const {
+    Vector6 shifts = Vector6::Zero();
+    for (int axis = 0; axis < 6; ++axis)
+      if (response(axis, axis) > 0 && std::abs(away[axis]) > sure_sigmas)
+        shifts[axis] = away[axis] / response(axis, axis);
+    return shifts;
+  }
+
   /// Axis after axis, the one that explains most, as long as one explains something for sure.
   [[nodiscard]] Vector6 simplest() const {
     Axes moved{};
@@ -112,8 +121,9 @@ std::optional<DriftMonitor::Estimate> DriftMonitor::misalignment() const {
                         Matrix6(curved.cwiseAbs2().asDiagonal()) + 1e-9 * Matrix6::Identity();
   problem.information = noise.inverse();
   const Vector6 farthest = 2 * prior;
-  Estimate estimate{prior.cwiseProduct(problem.simplest()).cwiseMax(-farthest).cwiseMin(farthest),
+  Estimate estimate{prior.cwiseProduct(beyond_hill() ? problem.each_alone() : problem.simplest()),
                     prior.asDiagonal() * problem.precision(all_axes).inverse() * prior.asDiagonal()};
+  estimate.delta = estimate.delta.cwiseMax(-farthest).cwiseMin(farthest);
   if (beyond_hill()) estimate.covariance = farthest.cwiseAbs2().asDiagonal();
   return estimate;
 }

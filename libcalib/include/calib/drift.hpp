@@ -147,7 +147,8 @@ class DriftMonitor {
   /// baseline, LiDAR frame (rad, m). Slopes of different axes answer to one shift (pitch and z, yaw and y), so `delta`
   /// is the simplest explanation, by as few axes as will do; at most two stencil steps each, beyond which it is "at
   /// least". `covariance` is of all explanations, given that no axis is likely to be off by more than a stencil step.
-  /// Where the peak is being lost it is as wide as two steps. Needs three pairs and a baseline.
+  /// Where the peak is being lost each axis goes by its own slope, and is as unsure as two steps. Needs three pairs and
+  /// a baseline.
   struct Estimate {
     Vector6 delta = Vector6::Zero();
     Matrix6 covariance = Matrix6::Zero();
