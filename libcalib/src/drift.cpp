@@ -237,7 +237,8 @@ std::string DriftMonitor::moved_axes() const {
     words += beyond_hill() ? motion_in_words(axis, estimate->delta[axis]) + " or more"
                            : motion_in_words(axis, estimate->delta[axis], estimate->sigma()[axis]);
   }
-  return words.empty() ? ", too far to tell where to" : words;
+  if (words.empty()) return beyond_hill() ? ", too far to tell where to" : ", where to is not sure yet";
+  return words;
 }
 
 double DriftMonitor::noticeable_shift(int axis) const {
