@@ -26,6 +26,8 @@ constexpr double max_share = 0.36, max_sum_share = 1.2;
 constexpr double first_sign_share = 0.25, suspect_share = 0.8;
 /// Pairs within which a shift that is called noticeable is noticed.
 constexpr double noticed_pairs = 50;
+/// What must be noticed within these, and how much of it, to come out of blindness.
+constexpr double clear_share = 0.8;
 /// What is not sure of the baseline's mean, 1 / sqrt(pairs) deviations, is added to the reference this many times.
 constexpr double mean_sigmas = 1.5;
 
@@ -132,12 +134,11 @@ bool DriftMonitor::is_usual(const AxisEvidence& evidence) const {
   return std::abs(evidence.peak - state_.baseline.peak) <= max_deviation * state_.baseline.peak_spread();
 }
 
-bool DriftMonitor::notices_lost_peak() const {
+bool DriftMonitor::notices_lost_peak(double pairs) const {
   const DriftBaseline& baseline = state_.baseline;
   bool notices = false;
   for (std::size_t chart = 0; chart < limits_.size() && baseline.peak_spread() > 0; ++chart)
-    notices =
-        notices || (baseline.peak / baseline.peak_spread() - peak_reference(chart)) * noticed_pairs > limits_[chart];
+    notices = notices || (baseline.peak / baseline.peak_spread() - peak_reference(chart)) * pairs > limits_[chart];
   return notices;
 }
 
@@ -148,9 +149,11 @@ DriftVerdict DriftMonitor::decide() const {
   // Hysteresis: what was drifted stays so, and what was suspect stays so, until little evidence is left.
   if (now >= first_sign_share && (before == DriftVerdict::drifted || before == DriftVerdict::suspect)) return before;
   if (now >= suspect_share) return DriftVerdict::suspect;
-  if (!notices_lost_peak()) return DriftVerdict::blind;
+  // Whoever was blind must see clearly before that is taken back.
+  const double share = before == DriftVerdict::calibrated ? 1 : clear_share;
+  if (!notices_lost_peak(share * noticed_pairs)) return DriftVerdict::blind;
   for (int axis = 0; axis < 3; ++axis)
-    if (noticeable_shift(axis) > settings_.must_notice_rotation_rad) return DriftVerdict::blind;
+    if (noticeable_shift(axis) > share * settings_.must_notice_rotation_rad) return DriftVerdict::blind;
   return DriftVerdict::calibrated;
 }
 
@@ -214,7 +217,8 @@ std::string DriftMonitor::reason() const {
 
 /// The rotation that is least likely to be noticed.
 std::string DriftMonitor::least_noticeable() const {
-  if (!notices_lost_peak()) return "the extrinsic hardly scores better than its neighbours, so that even a large knock";
+  if (!notices_lost_peak(clear_share * noticed_pairs))
+    return "the extrinsic hardly scores better than its neighbours, so that even a large knock";
   int least = 0;
   for (int axis = 1; axis < 3; ++axis)
     if (noticeable_shift(axis) > noticeable_shift(least)) least = axis;

@@ -174,8 +174,8 @@ class DriftMonitor {
   /// The largest sum of the peak's charts, as a share of its limit; whether there is a first sign of its loss.
   [[nodiscard]] double peak_evidence() const;
   [[nodiscard]] bool beyond_hill() const;
-  /// Whether a lost peak would be noticed within fifty pairs.
-  [[nodiscard]] bool notices_lost_peak() const;
+  /// Whether a lost peak would be noticed within so many pairs.
+  [[nodiscard]] bool notices_lost_peak(double pairs) const;
   void accumulate();
   [[nodiscard]] bool is_usual(const AxisEvidence& evidence) const;
   [[nodiscard]] DriftVerdict decide() const;
