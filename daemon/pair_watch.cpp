@@ -1,7 +1,5 @@
 #include "pair_watch.hpp"
 
-#include <limits>
-
 #include "baseline_record.hpp"
 #include "message_ids.hpp"
 
@@ -14,15 +12,12 @@ PairMonitorSettings monitor_settings(const Config& config, const PairConfig& pai
   settings.bounds = {pair.recalibration.max_rotation_rad, pair.recalibration.max_translation_m};
   settings.quality.depth_range = pair.depth_range;
   if (pair.motion) settings.quality.max_turn_rad = pair.motion->max_turn_rad;
+  settings.depth_is_guessed = std::holds_alternative<OnnxDepthConfig>(pair.depth);
+  settings.drift = usual_drift_settings(settings.depth_is_guessed);
   settings.drift.baseline_pairs = pair.drift.baseline_pairs;
   settings.drift.max_baseline_pairs = std::max(settings.drift.max_baseline_pairs, pair.drift.baseline_pairs);
   settings.drift.false_alarms_per_pair = false_alarms_per_pair(config, pair.drift);
   settings.drift.must_notice_rotation_rad = pair.drift.must_notice_rad;
-  settings.depth_is_guessed = std::holds_alternative<OnnxDepthConfig>(pair.depth);
-  if (settings.depth_is_guessed) {  // its own bias, before that is learned as what is normal
-    settings.drift.max_bias_rotation_rad = radians_per_degree;
-    settings.drift.max_bias_translation_m = std::numeric_limits<double>::infinity();
-  }
   return settings;
 }
 

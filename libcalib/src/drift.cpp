@@ -44,6 +44,12 @@ double start_misalignment(const DriftBaseline& seen, int axis, double max_bias) 
 
 }  // namespace
 
+DriftSettings usual_drift_settings(bool depth_is_guessed) {
+  if (!depth_is_guessed) return {};
+  return {.max_bias_rotation_rad = radians_per_degree,
+          .max_bias_translation_m = std::numeric_limits<double>::infinity()};
+}
+
 double cusum_limit(double k, double false_alarms_per_pair) {
   // Average run length of one one-sided CUSUM of independent normal values: exp(2 k (h + 1.166)) / (2 k^2) (Siegmund
   // 1985, Eq. 2.56). There are 26 of them.

@@ -25,19 +25,6 @@ double long_deviation(double sum_of_squares, double lagged_products, int count) 
          std::sqrt((1 + correlation) / (1 - correlation));
 }
 
-/// Slopes of the score along each axis.
-Vector6 slopes(const FeatureSet& frame, const RigidTransform& T_camera_lidar, const StencilStep& step,
-               const Objective& objective) {
-  Vector6 slope;
-  for (int axis = 0; axis < 6; ++axis) {
-    const Vector6 delta = Vector6::Unit(axis) * step.of_axis(axis);
-    slope[axis] = (score(frame, T_camera_lidar * perturbation(delta), objective).value -
-                   score(frame, T_camera_lidar * perturbation(-delta), objective).value) /
-                  (2 * step.of_axis(axis));
-  }
-  return slope;
-}
-
 }  // namespace
 
 double Stencil::best_neighbour() const { return std::max(minus.maxCoeff(), plus.maxCoeff()); }
@@ -65,13 +52,15 @@ AxisEvidence axis_evidence(const Stencil& stencil, Timestamp stamp, const Stenci
 
 Matrix6 evaluate_response(const FeatureSet& frame, const RigidTransform& T_camera_lidar, const StencilStep& step,
                           const Objective& objective) {
+  const auto slope = [&](const Vector6& moved) {
+    return axis_evidence(evaluate_stencil(frame, T_camera_lidar * perturbation(moved), step, objective), {}, step)
+        .slope;
+  };
   Matrix6 response;
   for (int axis = 0; axis < 6; ++axis) {
     // Seen from its own data, a LiDAR that has moved forward is an extrinsic that has stayed behind.
     const Vector6 shift = Vector6::Unit(axis) * response_shift.of_axis(axis);
-    response.col(axis) = (slopes(frame, T_camera_lidar * perturbation(-shift), step, objective) -
-                          slopes(frame, T_camera_lidar * perturbation(shift), step, objective)) /
-                         (2 * response_shift.of_axis(axis));
+    response.col(axis) = (slope(-shift) - slope(shift)) / (2 * response_shift.of_axis(axis));
   }
   return response;
 }

@@ -1,7 +1,6 @@
 #include <cmath>
 #include <cstdlib>
 #include <iostream>
-#include <limits>
 
 #include "calib_eval/commands.hpp"
 #include "calib_eval/drift_report.hpp"
@@ -69,12 +68,9 @@ SequenceSettings settings_for(const FootageOptions& footage, const DriftOptions&
   settings.driving_hours_per_week = options.driving_hours_per_week;
   settings.seed = footage.seed;
   settings.threads = footage.threads;
+  settings.drift = usual_drift_settings(depth_is_guessed(footage, options));
   settings.drift.false_alarms_per_pair =
       options.false_alerts_per_1000_vehicle_weeks / (1000 * settings.pairs_per_week());
-  if (depth_is_guessed(footage, options)) {  // as the daemon: that may be biased by more
-    settings.drift.max_bias_rotation_rad = radians_per_degree;
-    settings.drift.max_bias_translation_m = std::numeric_limits<double>::infinity();
-  }
   return settings;
 }
 

@@ -90,6 +90,10 @@ struct DriftSettings {
   double max_bias_translation_m = 0.2;
 };
 
+/// The defaults for a depth source. A network's own bias may be larger before it is learned as what is normal, and
+/// moves the optimum's translation by decimetres.
+[[nodiscard]] DriftSettings usual_drift_settings(bool depth_is_guessed);
+
 /// `learning`: the baseline is not known yet and nothing speaks of misalignment. `blind`: it is known, and so unsure
 /// that a rotation to be noticed might not be.
 enum class DriftVerdict { learning, blind, calibrated, suspect, drifted };
