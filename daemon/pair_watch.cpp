@@ -159,6 +159,9 @@ PairState PairWatch::concluded() const {
   if (windows_without_evidence_ >= windows_to_stale) {
     after.verdict = Verdict::not_evaluated;
     after.reason = last_skip_;
+    // Silence heals nothing.
+    if (const Verdict last = shown(after.drift.verdict); last == Verdict::drifted || last == Verdict::suspect)
+      after.reason += "; it was " + std::string(to_string(last)) + " when last evaluated";
   } else if (windows_without_evidence_ == 0) {
     after.verdict = shown(after.drift.verdict);
     after.reason = monitor_.drift().reason();

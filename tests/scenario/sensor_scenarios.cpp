@@ -74,6 +74,16 @@ TEST_CASE(
   CHECK(scenario.records(Decision::accepted) + scenario.records(Decision::rejected) == 0);
 }
 
+TEST_CASE("a drift that was seen is not forgotten while nothing is evaluated") {
+  PairScenario scenario({.mode = RecalibrationMode::propose});
+  REQUIRE(scenario.drive_until(Verdict::drifted, 30, {.motion = moved(0, 0.5, 0)}) <= 30);
+  scenario.drive(2, {.motion = moved(0, 0.5, 0), .lidar = false});
+  CHECK(scenario.verdict() == Verdict::not_evaluated);
+  CHECK_THAT(scenario.reason(), Catch::Matchers::StartsWith("sensor_silent: ") &&
+                                    Catch::Matchers::EndsWith("it was drifted when last evaluated"));
+  CHECK(scenario.drive_until(Verdict::drifted, 1, {.motion = moved(0, 0.5, 0)}) == 1);
+}
+
 TEST_CASE("rain raises no alert of drift, and what it hides it does not invent") {
   PairScenario scenario;
   scenario.drive(60, {.samples = rain});
