@@ -1,9 +1,15 @@
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
 #include <algorithm>
 #include <atomic>
 #include <filesystem>
+#include <fstream>
 #include <numbers>
 #include <numeric>
 #include <set>
+#include <sstream>
 
 #include "calib_eval/experiment.hpp"
 #include "calib_eval/figures.hpp"
@@ -198,13 +204,56 @@ TEST_CASE("work is done once each, by any number of threads") {
   parallel_for(0, 3, [](std::size_t) { FAIL("there is no work"); });
 }
 
-TEST_CASE("a result that cannot be written leaves nothing behind") {
+TEST_CASE("axes that were not searched are neither sure nor observable") {
+  Experiment experiment{{}, {ended_at(0, 0)}, Best{}};
+  experiment.best->uncertainty.observable.fill(true);
+  const Json best = to_json(experiment)["best"];
+  CHECK(best["observable"] == Json::parse("[true, true, true, null, null, null]"));
+  CHECK(best["sigma_by_curvature"] == Json::parse("[0.0, 0.0, 0.0, null, null, null]"));
+  experiment.cell.degrees_of_freedom = 6;
+  CHECK(to_json(experiment)["best"]["sigma_by_bootstrap"][5] == 0);
+}
+
+TEST_CASE("a result that cannot be written is refused beforehand, and nothing is left behind") {
   const test::TemporaryFolder folder;
-  const auto missing = folder.path() / "missing" / "result.json";
-  CHECK(write_json(missing, Json::object()).error().code == "write_failed");
-  std::filesystem::create_directory(folder.path() / "taken.json");
-  CHECK(write_json(folder.path() / "taken.json", Json::object()).error().code == "write_failed");
-  CHECK_FALSE(std::filesystem::exists(folder.path() / "taken.json.part"));
-  test::require_ok(write_json(folder.path() / "result.json", Json::object()));
-  CHECK(std::filesystem::exists(folder.path() / "result.json"));
+  CHECK(ResultFile::at(folder.path() / "missing" / "result.json").error().code == "write_failed");
+  CHECK(ResultFile::at(folder.path()).error().context.find("is a folder") != std::string::npos);
+  CHECK(ResultFile::at(folder.path() / "result.json"));
+  CHECK(std::filesystem::is_empty(folder.path()));
+  Json none;
+  test::require_ok(test::require_ok(ResultFile::at("")).write(none, true));
+}
+
+TEST_CASE("an older result stays until there is a newer one, behind a symbolic link too") {
+  const test::TemporaryFolder folder;
+  const auto link = folder.path() / "link.json", target = folder.path() / "target.json";
+  std::filesystem::create_symlink("target.json", link);
+  for (const bool exists : {false, true}) {
+    if (exists) std::ofstream(target) << "older";
+    const auto file = test::require_ok(ResultFile::at(link));
+    CHECK(std::filesystem::exists(target) == exists);
+    Json json = {{"kind", "curve"}, {"complete", true}};
+    test::require_ok(file.write(json, false));
+    CHECK(std::filesystem::is_symlink(link));
+    std::ostringstream written;
+    written << std::ifstream(target).rdbuf();
+    CHECK(written.str() == "{\n \"kind\": \"curve\",\n \"complete\": false\n}\n");
+  }
+}
+
+TEST_CASE("a pipe stays a pipe, and gets the complete result alone") {
+  const test::TemporaryFolder folder;
+  const auto pipe = folder.path() / "pipe";
+  REQUIRE(mkfifo(pipe.c_str(), 0600) == 0);
+  const int ours = open(pipe.c_str(), O_RDWR | O_NONBLOCK);  // so that nobody waits for the other end
+  REQUIRE(ours >= 0);
+  const auto file = test::require_ok(ResultFile::at(pipe));
+  Json json = Json::object();
+  test::require_ok(file.write(json, false));
+  test::require_ok(file.write(json, true));
+  std::string read(100, '\0');
+  read.resize(std::max<ssize_t>(::read(ours, read.data(), read.size()), 0));
+  close(ours);
+  CHECK(read == "{\n \"complete\": true\n}\n");
+  CHECK(std::filesystem::is_fifo(pipe));
 }

@@ -82,7 +82,7 @@ struct Kitti360 {
 
 const char* const list_head =
     "camera: {model: plumb_bob, size: [32, 16], intrinsics: [20, 21, 15.5, 7.25], distortion: [0.1, 0, 0, 0]}\n"
-    "T_camera_lidar: {translation_m: [0.1, 0.2, 0.3], quaternion_xyzw: [0.5, -0.5, 0.5, -0.5]}\n";
+    "T_camera_lidar: {translation_m: [0.1, 0.2, 0.3], quaternion_xyzw: [0.5, -0.5, 0.5, 0.5]}\n";
 
 }  // namespace
 
@@ -91,6 +91,7 @@ TEST_CASE("KITTI-360: the perspective camera is rectified, and frames are those 
   const auto recording = test::require_ok(open_kitti_360(data.root, "drive"));
   REQUIRE(recording.size() == 2);
   CHECK(recording.frame_name(0) == "0000000002");
+  CHECK(recording.lacks() == std::vector<std::string>{"no cloud for 0000000001", "no image for 0000000004"});
   CHECK(recording.camera().model() == CameraModel::rectified);
   CHECK(recording.camera().fy() == 21);
   CHECK(*recording.baseline_m() == Approx(0.6));
@@ -219,7 +220,8 @@ TEST_CASE("a list that is wrong says where and what") {
            Case{head + head + frame, "calibration_malformed", "has the key 'camera' twice"},
            Case{frame, "calibration_malformed", "camera is missing"},
            Case{"[1, 2", "calibration_malformed", "list.yaml:"},
-           Case{"", "calibration_malformed", "not a map"},
+           Case{"", "calibration_malformed", "list.yaml: the file is empty"},
+           Case{"3", "calibration_malformed", "list.yaml:1: a recording is not a map"},
            Case{"camera: {model: pinhole, size: [32, 16], intrinsics: [1, 2, 3, 4]}\nT_camera_lidar: {}\n" + frame,
                 "bad_camera", "list.yaml: camera model 'pinhole'"},
            Case{"camera: {model: rectified, size: [32], intrinsics: [20, 20, 3, 4]}\nT_camera_lidar: {}\n" + frame,
@@ -238,6 +240,11 @@ TEST_CASE("a list that is wrong says where and what") {
     CHECK(mentions(recording.error(), part));
   }
   CHECK(open_list(folder.path() / "none.yaml").error().code == "recording_not_found");
+  const auto is_folder = open_list(folder.path()).error();
+  CHECK(is_folder.code == "recording_not_found");
+  CHECK(mentions(is_folder, "is a folder"));
+  write_file(folder.path() / "recording.yaml", head);
+  CHECK(mentions(open_list(folder.path()).error(), (folder.path() / "recording.yaml").c_str()));
 }
 
 TEST_CASE("a written list reads back as it was") {

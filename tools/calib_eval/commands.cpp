@@ -2,6 +2,7 @@
 
 #include <unistd.h>
 
+#include <cerrno>
 #include <iostream>
 
 #include "calib_eval/progress.hpp"
@@ -44,8 +45,13 @@ Result<Landscape> look(const FootageOptions& footage_options, const LandscapeOpt
 
 std::array<bool, 6> released(int degrees_of_freedom) { return Cell{{}, degrees_of_freedom, {}}.released(); }
 
-Result<void> write_if_wanted(const std::filesystem::path& file, const Json& json) {
-  return file.empty() ? Result<void>{} : write_json(file, json);
+/// Made before hours of work, and found out then whether it can be written into.
+Result<void> make_folder(const std::filesystem::path& folder) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (!error && access(folder.c_str(), W_OK | X_OK) != 0) error.assign(errno, std::generic_category());
+  if (!error) return {};
+  return fail("write_failed", "figures cannot be written into " + folder.string() + ": " + error.message());
 }
 
 std::string frames_line(const Footage& footage) {
@@ -57,22 +63,23 @@ std::string frames_line(const Footage& footage) {
 Result<Footage> read_footage(const FootageOptions& options) {
   auto footage = Footage::read(options);
   if (!footage) return footage;
-  if (!footage->remark.empty()) std::cerr << "calib-eval: " << escape_control(footage->remark) << '\n';
-  for (const std::string& line : footage->left_out) std::cerr << "calib-eval: " << escape_control(line) << '\n';
+  for (const auto& lines : {footage->remarks, footage->left_out})
+    for (const std::string& line : lines) std::cerr << "calib-eval: " << escape_control(line) << '\n';
   return footage;
 }
 
 Result<void> calibrate(const FootageOptions& footage_options, const CalibrateOptions& options,
                        const CommandWords& words) {
+  const auto file = ResultFile::at(options.json);
+  if (!file) return tl::unexpected(file.error());
+  if (!options.figures.empty())
+    if (auto made = make_folder(options.figures); !made) return made;
   const auto footage = read_footage(footage_options);
   if (!footage) return tl::unexpected(footage.error());
   Json result = describe("calibrate", words, footage_options, *footage);
   result["cells"] = Json::array();
   result["runs"] = Json::array();
   if (!options.figures.empty()) result["figures"] = Json::array();
-  // Before hours of work, and after each cell of it: what is done is kept.
-  if (auto written = write_if_wanted(options.json, result); !written) return written;
-
   std::cout << frames_line(*footage) << ", " << options.starts << " starts\n" << table_heading() << std::endl;
   const std::vector<Cell> cells = cells_of(options);
   for (std::size_t i = 0; i < cells.size(); ++i) {
@@ -91,12 +98,15 @@ Result<void> calibrate(const FootageOptions& footage_options, const CalibrateOpt
       if (!figure) return tl::unexpected(figure.error());
       if (*figure) result["figures"].push_back(to_json(**figure, i, absolute(options.json).parent_path()));
     }
-    if (auto written = write_if_wanted(options.json, result); !written) return written;
+    // After each cell: what is done is kept.
+    if (auto written = file->write(result, i + 1 == cells.size()); !written) return written;
   }
   return {};
 }
 
 Result<void> curves(const FootageOptions& footage_options, const LandscapeOptions& options, const CommandWords& words) {
+  const auto file = ResultFile::at(options.json);
+  if (!file) return tl::unexpected(file.error());
   const auto seen = look(footage_options, options);
   if (!seen) return tl::unexpected(seen.error());
   const auto& [footage, features] = *seen;
@@ -113,13 +123,15 @@ Result<void> curves(const FootageOptions& footage_options, const LandscapeOption
       std::cout << (axis == 0 ? " " : ", ") << axis_names[axis] << ' ' << along.peak() << ' ' << unit_of(axis);
       result["curves"].push_back(to_json(along, method, options.degrees_of_freedom));
     }
-    std::cout << std::endl;
+    std::cout << " (steps of " << options.around.step(0) << " deg, " << options.around.step(3) << " cm)" << std::endl;
   }
-  return write_if_wanted(options.json, result);
+  return file->write(result, true);
 }
 
 Result<void> surfaces(const FootageOptions& footage_options, const LandscapeOptions& options,
                       const CommandWords& words) {
+  const auto file = ResultFile::at(options.json);
+  if (!file) return tl::unexpected(file.error());
   const auto seen = look(footage_options, options);
   if (!seen) return tl::unexpected(seen.error());
   const auto& [footage, features] = *seen;
@@ -136,7 +148,7 @@ Result<void> surfaces(const FootageOptions& footage_options, const LandscapeOpti
       progress.step();
     }
   }
-  return write_json(options.json, result);
+  return file->write(result, true);
 }
 
 Result<void> plot(const std::filesystem::path& result, const std::filesystem::path& folder) {

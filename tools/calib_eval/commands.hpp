@@ -45,9 +45,14 @@ struct LandscapeOptions {
 struct KnockSize {
   bool rotation = true;
   double size = 0;
+
+  bool operator==(const KnockSize&) const = default;
 };
 /// "0.25deg", "10cm": more than nothing, and no more than 5 degrees or 50 cm. Fails with `bad_knock`.
 [[nodiscard]] Result<KnockSize> parse_knock(const std::string& text);
+
+/// No movement, however large, is told in fewer pairs, whatever the monitor is set to.
+inline constexpr int soonest_drifted_pairs = 4;
 
 struct DriftOptions {
   std::vector<KnockSize> knocks;

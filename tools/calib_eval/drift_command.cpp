@@ -145,6 +145,13 @@ Json describe_settings(const Study& study) {
           {"depth_is_guessed", depth_is_guessed(study.footage, study.options)}};
 }
 
+/// Blocks are drawn from among others: of one alone, all sequences are the same.
+Result<void> check_block(const DriftOptions& options, std::size_t frames) {
+  if (!options.block || 2 * static_cast<std::size_t>(*options.block) <= frames) return {};
+  return fail("bad_block", "--block " + std::to_string(*options.block) + " is more than half of the " +
+                               std::to_string(frames) + " frames: sequences would hardly differ");
+}
+
 Result<Study> study_of(const FootageOptions& footage_options, const DriftOptions& options, const Footage& footage) {
   Study study{footage_options,
               options,
@@ -169,11 +176,15 @@ Result<KnockSize> parse_knock(const std::string& text) {
   const bool rotation = std::string_view(unit) == "deg";
   const double most = rotation ? 5 : 50;
   if ((!rotation && std::string_view(unit) != "cm") || !(number > 0) || number > most)
-    return fail("bad_knock", text + " is neither up to 5deg nor up to 50cm, and more than nothing");
+    return fail("bad_knock", text +
+                                 " is neither an angle such as 0.25deg, up to 5deg, nor a distance such as 10cm, up to "
+                                 "50cm; both are more than nothing");
   return KnockSize{rotation, rotation ? number * radians_per_degree : number / 100};
 }
 
 Result<void> drift(const FootageOptions& footage_options, const DriftOptions& options, const CommandWords& words) {
+  const auto file = ResultFile::at(options.json);  // before minutes of work
+  if (!file) return tl::unexpected(file.error());
   auto footage = read_footage(footage_options);
   if (!footage) return tl::unexpected(footage.error());
   const std::size_t told = footage->left_out.size();
@@ -181,9 +192,8 @@ Result<void> drift(const FootageOptions& footage_options, const DriftOptions& op
   for (std::size_t i = told; i < footage->left_out.size(); ++i)
     std::cerr << "calib-eval: " << escape_control(footage->left_out[i]) << '\n';
   if (!enough) return enough;
+  if (auto possible = check_block(options, footage->frames.size()); !possible) return possible;
   Json result = describe("drift", words, footage_options, *footage);
-  if (!options.json.empty())  // before minutes of work
-    if (auto written = write_json(options.json, result); !written) return written;
   const auto study = study_of(footage_options, options, *footage);
   if (!study) return tl::unexpected(study.error());
   result["settings"] = describe_settings(*study);
@@ -208,7 +218,7 @@ Result<void> drift(const FootageOptions& footage_options, const DriftOptions& op
   result["timelines"] = study->timelines(moved);
   result["operating"] = {to_json(OperatingPoint{options.false_alerts_per_1000_vehicle_weeks, null, moved})};
   for (const double allowance : allowances) result["operating"].push_back(to_json(study->operating_point(allowance)));
-  return write_json(options.json, result);
+  return file->write(result, true);
 }
 
 }  // namespace calib::eval

@@ -58,8 +58,6 @@ Result<std::optional<Figure>> draw(const Footage& footage, const Experiment& exp
   const Objective& objective = run.result->objective;
   figure.features = features_of(objective);
 
-  std::error_code error;
-  std::filesystem::create_directories(folder, error);  // if it cannot be made, writing into it says so
   figure.frame = frame.name;
   char stem[96];
   std::snprintf(stem, sizeof stem, "%s_%ddof_%gdeg_%gcm_", std::string(to_string(cell.method)).c_str(),

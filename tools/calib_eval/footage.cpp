@@ -1,5 +1,7 @@
 #include "calib_eval/footage.hpp"
 
+#include <algorithm>
+#include <cstdio>
 #include <functional>
 #include <memory>
 #include <mutex>
@@ -22,6 +24,7 @@ struct Source {
   std::optional<double> baseline_m;
   bool has_stereo = false;
   std::vector<std::string> names;
+  std::vector<std::string> lacks;  // of frames that are incomplete
   /// Frame by number; from any thread.
   std::function<Result<FramePair>(std::size_t, Colours)> frame;
   std::function<DepthMap(std::size_t)> true_depth = {};  // where it is known
@@ -41,6 +44,7 @@ Result<Source> open_recording(const FootageOptions& options) {
                 recording->baseline_m(),
                 recording->has_stereo(),
                 {},
+                recording->lacks(),
                 [recording = *recording](std::size_t i, Colours colours) { return recording.frame(i, colours); }};
   for (std::size_t i = 0; i < recording->size(); ++i) source.names.push_back(recording->frame_name(i));
   return source;
@@ -55,6 +59,7 @@ Result<Source> open_simulation(const FootageOptions& options) {
                 drive->T_camera_lidar,
                 drive->baseline_m,
                 true,
+                {},
                 {},
                 [drive](std::size_t i, Colours) -> Result<FramePair> { return drive->frames[i].pair; },
                 [drive](std::size_t i) { return drive->frames[i].depth; }};
@@ -128,6 +133,104 @@ Reading read_frame(const FootageOptions& options, const Source& source, Network&
   return reading;
 }
 
+/// The first few of `phrases`, and how many more there are.
+std::string abridged(const std::vector<std::string>& phrases) {
+  constexpr std::size_t most = 3;
+  std::string text;
+  for (std::size_t i = 0; i < std::min(most, phrases.size()); ++i) text += (i == 0 ? "" : ", ") + phrases[i];
+  if (phrases.size() > most) text += " (and " + std::to_string(phrases.size() - most) + " more)";
+  return text;
+}
+
+/// What shows at the recording's own extrinsic before anything is made of it.
+Result<void> check_source(const FootageOptions& options, const Source& source) {
+  if (options.depth == "stereo" && !source.has_stereo)
+    return fail("stereo_missing", options.root.string() +
+                                      " has no right images, or no baseline is known: stereo depth "
+                                      "needs both; give depth files (--depth-dir) instead");
+  std::error_code error;
+  if (!options.depth_dir.empty() && !std::filesystem::is_directory(options.depth_dir, error))
+    return fail("depth_missing", options.depth_dir.string() + " is not a folder");
+  constexpr double largest_vehicle_m = 30;
+  const double distance_m = source.T_camera_lidar.translation().norm();
+  if (distance_m < largest_vehicle_m) return {};
+  char metres[32];
+  std::snprintf(metres, sizeof metres, "%.3g", distance_m);
+  return fail("extrinsic_implausible",
+              "T_camera_lidar sets camera and LiDAR " + std::string(metres) + " m apart: is it in millimetres?");
+}
+
+/// Before frames are blamed for what the extrinsic does. What only the depth speaks against is a remark.
+Result<void> check_first(const Reading& first, Footage& footage) {
+  const LidarScan& scan = first.pair->scan;
+  const auto likely =
+      examine_extrinsic(footage.camera, footage.T_camera_lidar, scan, first.depth ? &*first.depth : nullptr).likely;
+  const std::string words = likely ? std::string(likely->words) : "";
+  auto plausible = check_extrinsic(footage.camera, footage.T_camera_lidar, scan);
+  if (plausible && likely)
+    footage.remarks.push_back("T_camera_lidar does not go with the depth: " + words);
+  else if (!plausible && likely && plausible.error().context.find(words) == std::string::npos)
+    plausible.error().context += "; by the depth, " + words;
+  return plausible;
+}
+
+std::optional<FootageAgreement> agreement_of(const Footage& footage, int threads) {
+  const auto& frames = footage.frames;
+  struct Pair {
+    std::optional<DepthAgreement> own, other;
+  };
+  std::vector<Pair> pairs(frames.size());
+  parallel_for(frames.size(), threads, [&](std::size_t i) {
+    const auto with = [&](std::size_t cloud) {
+      return depth_agreement(frames[i].depth, footage.camera, footage.T_camera_lidar, frames[cloud].pair.scan);
+    };
+    pairs[i] = {with(i), with((i + frames.size() / 2) % frames.size())};
+  });
+  FootageAgreement agreement;
+  std::vector<double> correlations;
+  for (const auto& [own, other] : pairs) {
+    if (!own) continue;
+    correlations.push_back(own->rank_correlation);
+    agreement.points += own->points;
+    agreement.own_cloud_better += !other || own->rank_correlation > other->rank_correlation;
+  }
+  if (correlations.empty()) return std::nullopt;
+  agreement.frames = correlations.size();
+  const auto middle = correlations.begin() + static_cast<std::ptrdiff_t>(correlations.size() / 2);
+  std::ranges::nth_element(correlations, middle);
+  agreement.rank_correlation = *middle;
+  return agreement;
+}
+
+/// Of wrong input that can be evaluated all the same: some do that on purpose.
+void remark_on_agreement(const FootageOptions& options, Footage& footage) {
+  if (!footage.agreement) return;
+  const FootageAgreement& agreement = *footage.agreement;
+  char numbers[80];
+  std::snprintf(numbers, sizeof numbers, "(rank correlation %.2f over %zu points)", agreement.rank_correlation,
+                agreement.points);
+  if (!agreement.grows_with_range())
+    footage.remarks.push_back("at the recording's own extrinsic the depth does not grow with the LiDAR's range " +
+                              std::string(numbers) + ": " +
+                              (options.depth_dir.empty() ? "" : "is --depth-kind right, ") +
+                              "is the extrinsic, and do images, depth and clouds belong together?");
+  else if (!agreement.clouds_belong())
+    footage.remarks.push_back(
+        "the depth of " + std::to_string(agreement.frames - agreement.own_cloud_better) + " of " +
+        std::to_string(agreement.frames) +
+        " frames agrees no better with their own cloud than with that of another frame: do images "
+        "and clouds belong together?");
+}
+
+/// What there is too little of, and why.
+std::string too_few(const Footage& footage, std::size_t tried, const Source& source) {
+  const bool all = tried == source.names.size();
+  return std::to_string(footage.frames.size()) + " of " + std::to_string(tried + (all ? source.lacks.size() : 0)) +
+         " frames can be used, and " + std::to_string(Footage::fewest_frames) + " are needed" +
+         (all && !source.lacks.empty() ? ": " + abridged(source.lacks) : "") +
+         (footage.left_out.size() > !source.lacks.empty() ? "; " + footage.left_out.back() : "");
+}
+
 }  // namespace
 
 std::vector<std::size_t> spread_evenly(std::size_t available, std::size_t wanted) {
@@ -141,10 +244,7 @@ std::vector<std::size_t> spread_evenly(std::size_t available, std::size_t wanted
 Result<Footage> Footage::read(const FootageOptions& options) {
   const auto source = open(options);
   if (!source) return tl::unexpected(source.error());
-  if (options.depth == "stereo" && !source->has_stereo)
-    return fail("stereo_missing", options.root.string() +
-                                      " has no right images, or no baseline is known: stereo depth "
-                                      "needs both; give depth files (--depth-dir) instead");
+  if (auto good = check_source(options, *source); !good) return tl::unexpected(good.error());
   Network network;
   auto remark = open(network, options, source->camera);
   if (!remark) return tl::unexpected(remark.error());
@@ -153,24 +253,26 @@ Result<Footage> Footage::read(const FootageOptions& options) {
   parallel_for(indices.size(), options.threads,
                [&](std::size_t i) { readings[i] = read_frame(options, *source, network, indices[i]); });
 
-  Footage footage{source->camera, source->T_camera_lidar, {}, {}, *std::move(remark)};
+  Footage footage{source->camera, source->T_camera_lidar, {}, {}, {}, {}};
+  if (!remark->empty()) footage.remarks.push_back(*std::move(remark));
+  if (!source->lacks.empty())
+    footage.left_out.push_back(std::to_string(source->lacks.size()) + " of " +
+                               std::to_string(source->lacks.size() + source->names.size()) +
+                               " frames are left out: " + abridged(source->lacks));
   for (std::size_t i = 0; i < indices.size(); ++i) {
     Reading& reading = readings[i];
     if (!reading.pair) return tl::unexpected(reading.pair.error());
-    // Before frames are blamed for what the extrinsic does.
     if (i == 0)
-      if (auto plausible = check_extrinsic(footage.camera, footage.T_camera_lidar, reading.pair->scan); !plausible)
-        return tl::unexpected(plausible.error());
+      if (auto plausible = check_first(reading, footage); !plausible) return tl::unexpected(plausible.error());
     const std::string& name = source->names[indices[i]];
     if (reading.useless)
       footage.left_out.push_back("frame " + name + " is left out: " + reading.useless->context);
     else
       footage.frames.push_back({name, *std::move(reading.pair), *std::move(reading.depth)});
   }
-  if (footage.frames.size() < fewest_frames)
-    return fail("too_few_frames", std::to_string(footage.frames.size()) + " of " + std::to_string(indices.size()) +
-                                      " frames can be used, and " + std::to_string(fewest_frames) + " are needed" +
-                                      (footage.left_out.empty() ? "" : "; " + footage.left_out.front()));
+  if (footage.frames.size() < fewest_frames) return fail("too_few_frames", too_few(footage, indices.size(), *source));
+  footage.agreement = agreement_of(footage, options.threads);
+  remark_on_agreement(options, footage);
   return footage;
 }
 

@@ -8,9 +8,8 @@ namespace calib::eval {
 namespace {
 
 std::vector<double> offsets_along(int axis, const LookAround& around) {
-  const double range = is_rotation(axis) ? around.rotation_deg : around.translation_cm;
   std::vector<double> offsets;
-  for (int i = 0; i < around.points; ++i) offsets.push_back(range * (2.0 * i / (around.points - 1) - 1));
+  for (int i = 0; i < around.points; ++i) offsets.push_back(around.range(axis) * (2.0 * i / (around.points - 1) - 1));
   return offsets;
 }
 

@@ -24,12 +24,15 @@ struct Surface {
   std::vector<double> scores;
 };
 
-/// How far to look to either side, and in how many points. An odd number has the extrinsic itself among them.
+/// How far to look to either side, and in how many points: an odd number, which has the extrinsic itself among them.
 struct LookAround {
   double rotation_deg = 5;
   double translation_cm = 50;
   int points = 41;
 
+  [[nodiscard]] double range(int axis) const { return axis < 3 ? rotation_deg : translation_cm; }
+  /// Between two points.
+  [[nodiscard]] double step(int axis) const { return 2 * range(axis) / (points - 1); }
   [[nodiscard]] SearchBounds bounds() const { return {rotation_deg * radians_per_degree, translation_cm / 100}; }
 };
 

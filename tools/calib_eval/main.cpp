@@ -1,4 +1,7 @@
 #include <CLI/CLI.hpp>
+#include <algorithm>
+#include <charconv>
+#include <cmath>
 #include <functional>
 #include <iostream>
 #include <thread>
@@ -19,6 +22,78 @@ CLI::Validator parses(const Parser& parser, const std::string& what) {
         return parsed ? std::string() : parsed.error().context;
       },
       what);
+}
+
+std::string bounds(double least, double most, const char* between) {
+  char text[64];
+  std::snprintf(text, sizeof text, "%g%s%g", least, between, most);
+  return text;
+}
+
+std::optional<double> parse_number(const std::string& text) {
+  char* end = nullptr;
+  const double number = std::strtod(text.c_str(), &end);
+  return text.empty() || *end != '\0' || !std::isfinite(number) ? std::nullopt : std::optional(number);
+}
+
+/// CLI11's own range has no objection to what is no number at all.
+CLI::Validator number(double least, double most) {
+  return CLI::Validator(
+      [=](std::string& text) {
+        const auto value = parse_number(text);
+        return value && *value >= least && *value <= most
+                   ? std::string()
+                   : text + " is not a number from " + bounds(least, most, " to ");
+      },
+      bounds(least, most, ".."));
+}
+
+enum class Parity { any, odd };
+/// CLI11 takes -1 for a large number where there is none below zero, and calls 1e3 out of range.
+CLI::Validator whole_number(std::uint64_t least, std::uint64_t most, Parity parity = Parity::any) {
+  const auto range = [=](const char* between) { return std::to_string(least) + between + std::to_string(most); };
+  return CLI::Validator(
+      [=](std::string& text) {
+        std::uint64_t value = 0;
+        const char* const end = text.data() + text.size();
+        const bool whole = std::from_chars(text.data(), end, value) == std::from_chars_result{end, std::errc()};
+        if (whole && value >= least && value <= most && (parity == Parity::any || value % 2 == 1)) return std::string();
+        return text + (parity == Parity::odd ? " is not an odd number from " : " is not a whole number from ") +
+               range(" to ");
+      },
+      range(".."));
+}
+
+std::vector<std::string> between_commas(const std::string& text) {
+  std::vector<std::string> items;
+  for (std::size_t begin = 0, end = 0; end != std::string::npos; begin = end + 1) {
+    end = text.find(',', begin);
+    items.push_back(text.substr(begin, end - begin));
+  }
+  return items;
+}
+
+/// `check` of each item of a list; CLI11's own delimiter has no objection to an item that is missing.
+CLI::Validator each(const CLI::Validator& check) {
+  return CLI::Validator(
+      [check](std::string& text) {
+        for (std::string& item : between_commas(text)) {
+          if (item.empty()) return "'" + text + "' has a comma too many";
+          if (std::string why = check(item); !why.empty()) return why;
+        }
+        return std::string();
+      },
+      check.get_description() + ",...");
+}
+
+/// What `parse` makes of each item of the lists, every value once.
+template <typename Parse>
+auto values_of(const std::vector<std::string>& lists, const Parse& parse) {
+  std::vector<std::decay_t<decltype(*parse(std::string()))>> values;
+  for (const std::string& list : lists)
+    for (const std::string& item : between_commas(list))
+      if (const auto value = *parse(item); std::ranges::find(values, value) == values.end()) values.push_back(value);
+  return values;
 }
 
 /// Everything that the command line can say.
@@ -47,7 +122,7 @@ class CommandLine {
   CalibrateOptions calibrate_;
   LandscapeOptions landscape_;
   DriftOptions drift_;
-  std::vector<std::string> objectives_, axis_pairs_, knocks_;
+  std::vector<std::string> objectives_, axis_pairs_, knocks_, rotations_, translations_;
   bool simulated_ = false;
   std::filesystem::path plotted_, plots_;
   int degrees_of_freedom_ = 0;
@@ -95,7 +170,7 @@ void CommandLine::add_recording(CLI::App& to, bool or_simulation) {
     auto* const sim = to.add_flag("--sim", simulated_, "Simulated streets instead of a recording")->excludes(dataset);
     to.add_option("--sim-places", footage_.places, "Streets, of seeds from --seed on")
         ->needs(sim)
-        ->check(CLI::Range(1, 1000))
+        ->check(whole_number(1, 1000))
         ->capture_default_str();
   }
   to.add_option("--drive", footage_.drive, "Drive of kitti-360");
@@ -119,23 +194,24 @@ void CommandLine::add_recording(CLI::App& to, bool or_simulation) {
   kind->needs(folder);
   to.add_option("--depth-scale", footage_.depth_scale, "What is stored divided by this is the value")
       ->needs(folder)
-      ->check(CLI::PositiveNumber);
+      ->check(number(1e-9, 1e9));
   to.add_option("--depth-bias", footage_.depth_bias, "Spoil the depth by a smooth random field of this amplitude")
-      ->check(CLI::Range(0.0, 0.99))
+      ->check(number(0, 0.99))
       ->capture_default_str();
-  to.add_option("--seed", footage_.seed, "Which field, and which orientations")->capture_default_str();
+  to.add_option("--seed", footage_.seed, "Which field, and which orientations")
+      ->check(whole_number(0, std::numeric_limits<std::uint64_t>::max()))
+      ->capture_default_str();
   to.add_option("--frames", footage_.frames, "So many, spread evenly over the recording")
-      ->check(CLI::Range(static_cast<int>(Footage::fewest_frames), 10000))
+      ->check(whole_number(Footage::fewest_frames, 10000))
       ->capture_default_str();
   to.add_option("--threads", footage_.threads, "The result does not depend on it")
-      ->check(CLI::Range(1, 1024))
+      ->check(whole_number(1, 1024))
       ->capture_default_str();
 }
 
 void CommandLine::add_objectives(CLI::App& to) {
   to.add_option("--objective", objectives_, "default, d2d, i2i or i2i_nmi; several with commas")
-      ->delimiter(',')
-      ->check(parses(parse_method, "NAME"));
+      ->check(each(parses(parse_method, "NAME")));
   to.add_option("--dof", degrees_of_freedom_, "3: rotation only, 6: rotation and translation")
       ->check(CLI::IsMember({3, 6}));
 }
@@ -156,20 +232,17 @@ void CommandLine::add_calibrate() {
   add_objectives(*added);
   const CLI::Validator range(
       [](std::string& text) {
-        const double degrees = std::strtod(text.c_str(), nullptr);
-        return (degrees >= 0 && degrees <= 90) || degrees == ErrorRange::any_orientation_deg
+        const auto degrees = parse_number(text);
+        return degrees && ((*degrees >= 0 && *degrees <= 90) || *degrees == ErrorRange::any_orientation_deg)
                    ? std::string()
                    : text + " is neither within 0 .. 90 nor 180 (any orientation)";
       },
       "0..90|180");
-  added->add_option("--rotation-deg", calibrate_.rotation_deg, "How far off starts are; several with commas")
-      ->delimiter(',')
-      ->check(range);
-  added->add_option("--translation-cm", calibrate_.translation_cm, "Likewise, each with each rotation; for --dof 6")
-      ->delimiter(',')
-      ->check(CLI::Range(0.0, 1000.0));
+  added->add_option("--rotation-deg", rotations_, "How far off starts are; several with commas")->check(each(range));
+  added->add_option("--translation-cm", translations_, "Likewise, each with each rotation; for --dof 6")
+      ->check(each(number(0, 1000)));
   added->add_option("--starts", calibrate_.starts, "Searches of each cell")
-      ->check(CLI::Range(1, 100000))
+      ->check(whole_number(1, 100000))
       ->capture_default_str();
   auto* const json = added->add_option("--json", calibrate_.json, "Write the result into this file");
   added->add_option("--figures", calibrate_.figures, "Write overlays of one run of each cell into this folder")
@@ -182,8 +255,9 @@ void CommandLine::finish_calibrate() {
   check_recording();
   calibrate_.degrees_of_freedom = degrees_of_freedom_ == 6 ? 6 : 3;
   const bool six = calibrate_.degrees_of_freedom == 6;
-  if (!objectives_.empty()) calibrate_.methods.clear();
-  for (const std::string& name : objectives_) calibrate_.methods.push_back(*parse_method(name));
+  if (!objectives_.empty()) calibrate_.methods = values_of(objectives_, parse_method);
+  calibrate_.rotation_deg = values_of(rotations_, parse_number);
+  calibrate_.translation_cm = values_of(translations_, parse_number);
   if (calibrate_.rotation_deg.empty())
     calibrate_.rotation_deg = six ? std::vector<double>{0.5, 1} : std::vector<double>{1, 2, 10, 20};
   if (calibrate_.translation_cm.empty())
@@ -200,28 +274,26 @@ void CommandLine::add_landscape(const std::string& name, const std::string& what
   add_objectives(*added);
   LookAround& around = landscape_.around;
   added->add_option("--range-deg", around.rotation_deg, "How far to either side")
-      ->check(CLI::Range(0.01, 180.0))
+      ->check(number(0.01, 180))
       ->capture_default_str();
   added->add_option("--range-cm", around.translation_cm, "How far to either side")
-      ->check(CLI::Range(0.1, 1000.0))
+      ->check(number(0.1, 1000))
       ->capture_default_str();
-  added->add_option("--points", around.points, "Scores from end to end of an axis")
-      ->check(CLI::Range(3, 1001))
+  added->add_option("--points", around.points, "Scores from end to end of an axis, the one in the middle included")
+      ->check(whole_number(3, 1001, Parity::odd))
       ->capture_default_str();
   auto* const json = added->add_option("--json", landscape_.json, "Write the result into this file");
   if (of_pairs) {
     json->required();
     added->add_option("--axes", axis_pairs_, "Pairs such as roll:pitch, several with commas")
-        ->delimiter(',')
-        ->check(parses(parse_axis_pair, "AXIS:AXIS"));
+        ->check(each(parses(parse_axis_pair, "AXIS:AXIS")));
   }
   added->parse_complete_callback([this] {
     check_recording();
     landscape_.degrees_of_freedom = degrees_of_freedom_ == 3 ? 3 : 6;
-    if (!objectives_.empty()) landscape_.methods.clear();
-    for (const std::string& objective : objectives_) landscape_.methods.push_back(*parse_method(objective));
+    if (!objectives_.empty()) landscape_.methods = values_of(objectives_, parse_method);
     if (axis_pairs_.empty()) axis_pairs_ = {"roll:pitch", "roll:yaw", "pitch:yaw", "pitch:z", "yaw:y", "x:z"};
-    for (const std::string& pair : axis_pairs_) landscape_.axis_pairs.push_back(*parse_axis_pair(pair));
+    landscape_.axis_pairs = values_of(axis_pairs_, parse_axis_pair);
   });
 }
 
@@ -232,32 +304,31 @@ void CommandLine::add_drift() {
   add_recording(*added, true);
   added->get_option("--frames")->default_str(std::to_string(usual_drift_frames));
   auto* const knocks = added->add_option("--knock", knocks_, "How far LiDARs move, such as 0.25deg,10cm")
-                           ->delimiter(',')
-                           ->check(parses(parse_knock, "SIZE"));
+                           ->check(each(parses(parse_knock, "SIZE")));
   added->add_option("--rate", drift_.rate_deg_per_hour, "They creep instead, so many degrees per hour")
       ->excludes(knocks)
-      ->check(CLI::Range(0.001, 100.0));
+      ->check(number(0.001, 100));
   added->add_option("--pairs", drift_.pairs, "Given up so many pairs after the LiDAR has begun to move")
-      ->check(CLI::Range(1, 100000));
+      ->check(whole_number(soonest_drifted_pairs, 100000));
   added->add_option("--seeds", drift_.sequences, "Sequences of each movement")
-      ->check(CLI::Range(1, 100000))
+      ->check(whole_number(1, 100000))
       ->capture_default_str();
   added->add_option("--weeks", drift_.weeks, "Vehicle-weeks of LiDARs that do not move")
-      ->check(CLI::Range(0.01, 1e6))
+      ->check(number(0.01, 1e6))
       ->capture_default_str();
   added->add_option("--period-s", footage_.period_s, "Seconds between two pairs")
-      ->check(CLI::Range(0.01, 3600.0))
+      ->check(number(0.01, 3600))
       ->capture_default_str();
   added->add_option("--driving-hours-per-week", drift_.driving_hours_per_week, "What makes a vehicle-week")
-      ->check(CLI::Range(0.01, 168.0))
+      ->check(number(0.01, 168))
       ->capture_default_str();
   added
       ->add_option("--false-alerts-per-1000-vehicle-weeks", drift_.false_alerts_per_1000_vehicle_weeks,
                    "What the monitor is set to")
-      ->check(CLI::Range(1e-6, 1e6))
+      ->check(number(1e-6, 1e6))
       ->capture_default_str();
   added->add_option("--block", drift_.block, "Frames that stay together; default: the cube root of their number")
-      ->check(CLI::Range(1, 10000));
+      ->check(whole_number(1, 10000));
   added->add_flag("--guessed-depth", drift_.depth_is_guessed,
                   "A network has guessed the depth from one image: it is judged as that of onnx: is");
   added->add_option("--json", drift_.json, "Write the result into this file");
@@ -278,7 +349,7 @@ void CommandLine::finish_drift(const CLI::App& drift) {
     check_recording();
   }
   if (knocks_.empty()) knocks_ = {"0.25deg", "0.5deg", "1deg", "10cm", "20cm"};
-  for (const std::string& knock : knocks_) drift_.knocks.push_back(*parse_knock(knock));
+  drift_.knocks = values_of(knocks_, parse_knock);
 }
 
 void CommandLine::add_plot() {

@@ -3,9 +3,12 @@
 #include <algorithm>
 #include <cstdio>
 #include <fstream>
+#include <system_error>
 
 namespace calib::eval {
 namespace {
+
+namespace fs = std::filesystem;
 
 Json to_json(const Vector6& values) { return std::vector<double>(values.data(), values.data() + 6); }
 
@@ -41,6 +44,14 @@ Json describe_depth(const FootageOptions& options) {
   return depth;
 }
 
+Json to_json(const std::optional<FootageAgreement>& agreement) {
+  if (!agreement) return nullptr;
+  return {{"rank_correlation", agreement->rank_correlation},
+          {"points", agreement->points},
+          {"frames", agreement->frames},
+          {"own_cloud_better", agreement->own_cloud_better}};
+}
+
 Json describe_cell(const Cell& cell) {
   return {{"objective", to_string(cell.method)},
           {"dof", cell.degrees_of_freedom},
@@ -52,15 +63,21 @@ Json best_to_json(const Experiment& experiment) {
   if (!experiment.best) return nullptr;
   const Run& run = experiment.runs[experiment.best->run];
   const Uncertainty& uncertainty = experiment.best->uncertainty;
-  const auto sigma = [](const Matrix6& covariance) {
-    return to_json(in_degrees_and_cm(covariance.diagonal().cwiseMax(0).cwiseSqrt()));
+  // Of the axes that were searched; of the others nothing is known.
+  const auto searched = [released = experiment.cell.released()](Json of_axes) {
+    for (std::size_t axis = 0; axis < released.size(); ++axis)
+      if (!released[axis]) of_axes[axis] = nullptr;
+    return of_axes;
+  };
+  const auto sigma = [&](const Matrix6& covariance) {
+    return searched(to_json(in_degrees_and_cm(covariance.diagonal().cwiseMax(0).cwiseSqrt())));
   };
   return {{"run", experiment.best->run},
           {"score", run.result->score_after},
           {"T_camera_lidar", to_json(run.result->T_camera_lidar)},
           {"sigma_by_curvature", sigma(uncertainty.covariance)},
           {"sigma_by_bootstrap", sigma(uncertainty.bootstrap_covariance)},
-          {"observable", uncertainty.observable}};
+          {"observable", searched(uncertainty.observable)}};
 }
 
 std::string text(const char* format, double value) {
@@ -80,6 +97,12 @@ std::string columns(const std::array<std::string, 9>& cells) {
   return line;
 }
 
+fs::path part_of(fs::path file) { return file += ".part"; }
+
+tl::unexpected<Error> write_failed(const fs::path& file, const std::string& why = "") {
+  return fail("write_failed", file.string() + " cannot be written" + why);
+}
+
 }  // namespace
 
 Json describe(const char* kind, const std::vector<std::string>& command, const FootageOptions& options,
@@ -88,6 +111,7 @@ Json describe(const char* kind, const std::vector<std::string>& command, const F
   for (const Footage::Frame& frame : footage.frames) names.push_back(frame.name);
   return {{"schema", 1},
           {"kind", kind},
+          {"complete", false},
           {"version", CALIBD_VERSION},
           {"command", command},
           {"vector_instructions", vector_instructions()},
@@ -98,6 +122,7 @@ Json describe(const char* kind, const std::vector<std::string>& command, const F
             {"camera", to_json(footage.camera)},
             {"T_camera_lidar", to_json(footage.T_camera_lidar)},
             {"depth", describe_depth(options)},
+            {"depth_agreement", to_json(footage.agreement)},
             {"frames", names},
             {"left_out", footage.left_out}}},
           {"seed", options.seed}};
@@ -151,12 +176,12 @@ Json runs_to_json(const Experiment& experiment, std::size_t cell) {
   return runs;
 }
 
-Json to_json(const Figure& figure, std::size_t cell, const std::filesystem::path& base) {
+Json to_json(const Figure& figure, std::size_t cell, const fs::path& base) {
   Json views = Json::array();
   for (const Figure::View& view : figure.views)
     views.push_back({{"view", view.name},
                      {"score", view.score},
-                     {"overlay", std::filesystem::proximate(view.overlay, base).string()},
+                     {"overlay", fs::proximate(view.overlay, base).string()},
                      {"histogram", view.histogram.counts}});
   return {{"cell", cell},
           {"run", figure.run},
@@ -217,17 +242,36 @@ std::vector<std::string> remarks(const Experiment& experiment) {
   return remarks;
 }
 
-Result<void> write_json(const std::filesystem::path& file, const Json& json) {
-  auto unfinished = file;
-  unfinished += ".part";
-  std::ofstream out(unfinished);
+Result<ResultFile> ResultFile::at(const fs::path& file) {
+  ResultFile result;
+  result.named_ = result.file_ = file;
+  if (file.empty()) return result;
+  std::error_code error;
+  const fs::file_type type = fs::status(file, error).type();
+  if (type == fs::file_type::directory) return write_failed(file, ": it is a folder");
+  result.replaced_ = type == fs::file_type::regular || type == fs::file_type::not_found;
+  if (!result.replaced_) return result;
+  // Not canonical(), as what a link points to need not be there yet.
+  for (int links = 0; links < 40 && fs::is_symlink(fs::symlink_status(result.file_, error)); ++links)
+    result.file_ = result.file_.parent_path() / fs::read_symlink(result.file_, error);
+  const fs::path part = part_of(result.file_);
+  const bool writable = std::ofstream(part).is_open();
+  if (writable) fs::remove(part, error);
+  return writable ? Result<ResultFile>(std::move(result)) : write_failed(file);
+}
+
+Result<void> ResultFile::write(Json& json, bool complete) const {
+  json["complete"] = complete;
+  if (file_.empty() || (!replaced_ && !complete)) return {};
+  const fs::path written = replaced_ ? part_of(file_) : file_;
+  std::ofstream out(written);
   // Names may hold any bytes that a file system allows.
   out << json.dump(1, ' ', false, Json::error_handler_t::replace) << '\n' << std::flush;
   std::error_code error;
-  if (out) std::filesystem::rename(unfinished, file, error);
+  if (out && replaced_) fs::rename(written, file_, error);
   if (out && !error) return {};
-  std::filesystem::remove(unfinished, error);
-  return fail("write_failed", file.string() + " cannot be written");
+  if (replaced_) fs::remove(written, error);
+  return write_failed(named_);
 }
 
 }  // namespace calib::eval

@@ -31,7 +31,18 @@ using Json = nlohmann::ordered_json;
 /// What a line of the table does not say: axes that are not observable from these frames, and searches without an end.
 [[nodiscard]] std::vector<std::string> remarks(const Experiment& experiment);
 
-/// The file is replaced as a whole, so that it can be read at any time. Fails with `write_failed`.
-[[nodiscard]] Result<void> write_json(const std::filesystem::path& file, const Json& json);
+/// Where a result goes. A file is replaced as a whole, so that it can be read at any time and an older result stays
+/// until there is a newer one; symbolic links are followed. A pipe or a device is written to as it is, once.
+class ResultFile {
+ public:
+  /// `file` empty: not wanted. Fails with `write_failed` where it could not be written; changes nothing.
+  [[nodiscard]] static Result<ResultFile> at(const std::filesystem::path& file);
+  /// Says in the result whether it is `complete`. Fails with `write_failed`.
+  [[nodiscard]] Result<void> write(Json& json, bool complete) const;
+
+ private:
+  std::filesystem::path named_, file_;  // as it was named, and behind all links
+  bool replaced_ = true;
+};
 
 }  // namespace calib::eval

@@ -85,8 +85,9 @@ Result<Stored> read_stored(const fs::path& path) {
 }
 
 std::optional<fs::path> find_file(const fs::path& folder, const std::string& name) {
+  std::error_code error;
   for (const char* extension : {".png", ".npy", ".tif", ".tiff", ".pfm"})
-    if (fs::path path = folder / (name + extension); fs::is_regular_file(path)) return path;
+    if (fs::path path = folder / (name + extension); fs::is_regular_file(path, error)) return path;
   return std::nullopt;
 }
 

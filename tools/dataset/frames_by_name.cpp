@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <initializer_list>
 #include <map>
+#include <set>
 #include <string>
 
 namespace calib {
@@ -34,9 +35,8 @@ std::string description(const Files& files, const fs::path& folder) {
 
 }  // namespace
 
-Result<std::vector<RecordedFrame>> frames_by_name(const fs::path& images_folder,
-                                                  const std::optional<fs::path>& right_folder,
-                                                  const fs::path& clouds_folder) {
+Result<RecordedFrames> frames_by_name(const fs::path& images_folder, const std::optional<fs::path>& right_folder,
+                                      const fs::path& clouds_folder) {
   const auto images = images_in(images_folder);
   if (!images) return tl::unexpected(images.error());
   const auto right_images = right_folder ? images_in(*right_folder) : Files{};
@@ -44,17 +44,27 @@ Result<std::vector<RecordedFrame>> frames_by_name(const fs::path& images_folder,
   const auto clouds = files_in(clouds_folder, "clouds (.bin, .pcd)", {".bin", ".pcd"});
   if (!clouds) return tl::unexpected(clouds.error());
 
-  std::vector<RecordedFrame> frames;
-  for (const auto& [name, image] : *images) {
-    const auto cloud = clouds->find(name), right = right_images->find(name);
-    if (cloud == clouds->end() || (right_folder && right == right_images->end())) continue;
-    frames.push_back({name, image, right_folder ? std::optional(right->second) : std::nullopt, cloud->second});
+  std::set<std::string> names;
+  for (const Files& files : {*images, *clouds, *right_images})
+    for (const auto& [name, path] : files) names.insert(name);
+  RecordedFrames frames;
+  for (const std::string& name : names) {
+    const auto image = images->find(name), cloud = clouds->find(name), right = right_images->find(name);
+    if (image == images->end())
+      frames.lacks.push_back("no image for " + name);
+    else if (cloud == clouds->end())
+      frames.lacks.push_back("no cloud for " + name);
+    else if (right_folder && right == right_images->end())
+      frames.lacks.push_back("no right image for " + name);
+    else
+      frames.complete.push_back(
+          {name, image->second, right_folder ? std::optional(right->second) : std::nullopt, cloud->second});
   }
   const std::size_t fewest =
       std::min({images->size(), clouds->size(), right_folder ? right_images->size() : images->size()});
-  if (2 * frames.size() < fewest)
-    return fail("frame_mismatch", "only " + std::to_string(frames.size()) + " frames have the same name in all of " +
-                                      description(*images, images_folder) +
+  if (2 * frames.complete.size() < fewest)
+    return fail("frame_mismatch", "only " + std::to_string(frames.complete.size()) +
+                                      " frames have the same name in all of " + description(*images, images_folder) +
                                       (right_folder ? ", " + description(*right_images, *right_folder) : "") + " and " +
                                       description(*clouds, clouds_folder));
   return frames;

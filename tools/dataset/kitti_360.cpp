@@ -12,7 +12,7 @@ namespace fs = std::filesystem;
 
 /// A fisheye's file, in the OpenCV dialect of YAML that camodocal writes.
 Result<Camera> read_fisheye(const fs::path& path) {
-  if (!fs::is_regular_file(path))
+  if (std::error_code error; !fs::is_regular_file(path, error))
     return fail("calibration_missing", path.string() + " cannot be read; it comes with the data set's calibration");
   std::array<double, 11> values{};
   try {
@@ -62,7 +62,8 @@ Result<Recording> open_kitti_360(const fs::path& root, const std::string& drive,
     return fail("recording_not_found",
                 "KITTI-360 has no camera " + escape_control(camera_name) + ", only image_00 .. image_03");
   const fs::path calibration = root / "calibration", images = root / "data_2d_raw" / drive;
-  if (!fs::is_directory(images)) return fail("recording_not_found", images.string() + " is not a folder");
+  std::error_code error;
+  if (!fs::is_directory(images, error)) return fail("recording_not_found", images.string() + " is not a folder");
   auto T_camera_lidar = read_extrinsic(calibration, camera_name);
   if (!T_camera_lidar) return tl::unexpected(T_camera_lidar.error());
 
@@ -84,7 +85,7 @@ Result<Recording> open_kitti_360(const fs::path& root, const std::string& drive,
       const auto known = kitti_baseline_m(*file, "00", "01");
       if (!known) return tl::unexpected(known.error());
       baseline_m = *known;
-      if (const fs::path there = images / "image_01/data_rect"; fs::is_directory(there)) right_images = there;
+      if (const fs::path there = images / "image_01/data_rect"; fs::is_directory(there, error)) right_images = there;
     }
   } else {
     auto fisheye = read_fisheye(calibration / (camera_name + ".yaml"));

@@ -16,7 +16,8 @@ Result<Recording> open_kitti_raw(const fs::path& folder, const std::string& came
                 "KITTI raw has no camera " + escape_control(camera_name) + ", only image_00 .. image_03");
   const std::string number = camera_name.substr(6);
   const fs::path drive = folder.has_filename() ? folder : folder.parent_path();
-  if (!fs::is_directory(drive)) return fail("recording_not_found", drive.string() + " is not a folder");
+  std::error_code error;
+  if (!fs::is_directory(drive, error)) return fail("recording_not_found", drive.string() + " is not a folder");
   const fs::path date = fs::absolute(drive).parent_path();
 
   const auto cameras = KittiCalibration::read(date / "calib_cam_to_cam.txt");
@@ -39,7 +40,8 @@ Result<Recording> open_kitti_raw(const fs::path& folder, const std::string& came
     const auto known = kitti_baseline_m(*cameras, number, right);
     if (!known) return tl::unexpected(known.error());
     baseline_m = *known;
-    if (const fs::path there = drive / ("image_" + right) / "data"; fs::is_directory(there)) right_images = there;
+    if (const fs::path there = drive / ("image_" + right) / "data"; fs::is_directory(there, error))
+      right_images = there;
   }
   auto frames = frames_by_name(drive / camera_name / "data", right_images, drive / "velodyne_points/data");
   if (!frames) return tl::unexpected(frames.error());

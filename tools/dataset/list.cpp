@@ -94,6 +94,7 @@ std::vector<RecordedFrame> read_frames(const YAML::Node& node, const fs::path& f
 }
 
 Result<Recording> read_list(const YAML::Node& root, const fs::path& folder) {
+  if (root.IsNull()) throw Malformed{root.Mark(), "the file is empty"};
   check_keys(root, "a recording",
              {"camera", "baseline_m", "T_camera_lidar", "frames", "images", "right_images", "clouds"});
   for (const char* key : {"camera", "T_camera_lidar"})
@@ -112,7 +113,7 @@ Result<Recording> read_list(const YAML::Node& root, const fs::path& folder) {
   if (root["frames"]) {
     if (root["images"] || root["right_images"] || root["clouds"])
       throw Malformed{root.Mark(), "there are both frames and folders of images and clouds"};
-    return Recording(*std::move(camera), *T_camera_lidar, baseline_m, read_frames(root["frames"], folder));
+    return Recording(*std::move(camera), *T_camera_lidar, baseline_m, {read_frames(root["frames"], folder), {}});
   }
   const auto path = [&](const char* key) { return folder / value<std::string>(root, key, "a folder"); };
   const fs::path images = path("images"), clouds = path("clouds");
@@ -126,8 +127,15 @@ Result<Recording> read_list(const YAML::Node& root, const fs::path& folder) {
 
 Result<Recording> open_list(const fs::path& yaml) {
   const auto malformed = [&yaml](const YAML::Mark& mark, const std::string& why) {
-    return fail("calibration_malformed", yaml.string() + ":" + std::to_string(mark.line + 1) + ": " + why);
+    return fail("calibration_malformed",
+                yaml.string() + (mark.is_null() ? "" : ":" + std::to_string(mark.line + 1)) + ": " + why);
   };
+  if (std::error_code error; fs::is_directory(yaml, error)) {
+    const fs::path usual = yaml / "recording.yaml";
+    return fail("recording_not_found",
+                yaml.string() + " is a folder, and a list is a YAML file: " +
+                    (fs::exists(usual, error) ? "give " + usual.string() : "tools/dataset/README.md describes it"));
+  }
   try {
     auto recording = read_list(YAML::LoadFile(yaml.string()), yaml.parent_path());
     if (!recording && (recording.error().code == "bad_camera" || recording.error().code == "bad_transform"))

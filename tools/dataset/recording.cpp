@@ -19,7 +19,7 @@ Result<Image> read_camera_image(const std::filesystem::path& path, const Camera&
 Result<FramePair> Recording::frame(std::size_t index, Colours colours) const {
   if (index >= size())
     return fail("frame_out_of_range", "frame " + std::to_string(index) + " of " + std::to_string(size()));
-  const RecordedFrame& files = frames_[index];
+  const RecordedFrame& files = frames_.complete[index];
   auto image = read_camera_image(files.image, camera_, colours);
   if (!image) return tl::unexpected(image.error());
   auto scan = read_cloud(files.cloud);

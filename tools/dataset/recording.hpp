@@ -21,6 +21,12 @@ struct RecordedFrame {
   std::filesystem::path cloud;
 };
 
+/// Frames that belong together, and what the others lack, in the order of their names: "no cloud for 0000000004".
+struct RecordedFrames {
+  std::vector<RecordedFrame> complete;
+  std::vector<std::string> lacks;
+};
+
 /// A recording opened for reading: one camera, one LiDAR, frames that belong together. Made by one of the functions
 /// below; holds no file open.
 class Recording {
@@ -28,7 +34,7 @@ class Recording {
   /// All of `frames` have a right image or none has; `baseline_m` is the distance to the right camera where it is
   /// known.
   Recording(Camera camera, const RigidTransform& T_camera_lidar, std::optional<double> baseline_m,
-            std::vector<RecordedFrame> frames)
+            RecordedFrames frames)
       : camera_(std::move(camera)),
         T_camera_lidar_(T_camera_lidar),
         baseline_m_(baseline_m),
@@ -38,10 +44,12 @@ class Recording {
   [[nodiscard]] const RigidTransform& T_camera_lidar() const { return T_camera_lidar_; }
   [[nodiscard]] std::optional<double> baseline_m() const { return baseline_m_; }
   /// Frames have right images and the baseline is known: what stereo depth needs.
-  [[nodiscard]] bool has_stereo() const { return baseline_m_ && !frames_.empty() && frames_.front().right_image; }
+  [[nodiscard]] bool has_stereo() const { return baseline_m_ && size() > 0 && frames_.complete.front().right_image; }
 
-  [[nodiscard]] std::size_t size() const { return frames_.size(); }
-  [[nodiscard]] const std::string& frame_name(std::size_t index) const { return frames_[index].name; }
+  [[nodiscard]] std::size_t size() const { return frames_.complete.size(); }
+  [[nodiscard]] const std::string& frame_name(std::size_t index) const { return frames_.complete[index].name; }
+  /// What frames lack that are not among those, a phrase for each.
+  [[nodiscard]] const std::vector<std::string>& lacks() const { return frames_.lacks; }
 
   /// Frame `index` of `size()`; all stamps are `index` x 100 ms. Fails with `frame_out_of_range`, `image_unreadable`
   /// (or not of the calibration's size), `cloud_unreadable` or `cloud_empty`. `colours` are those of the left image.
@@ -51,7 +59,7 @@ class Recording {
   Camera camera_;
   RigidTransform T_camera_lidar_;
   std::optional<double> baseline_m_;
-  std::vector<RecordedFrame> frames_;
+  RecordedFrames frames_;
 };
 
 // Each of the following fails with `recording_not_found` (no such folder, or one without images or clouds),
