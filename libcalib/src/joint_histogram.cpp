@@ -16,7 +16,8 @@ namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 using Floats = hn::ScalableTag<float>;
 using Ints = hn::RebindToSigned<Floats>;
-using Doubles = hn::ScalableTag<double>;
+using Doubles = hn::CappedTag<double, 8>;  // no longer than a table's rows
+using Counts = hn::CappedTag<std::uint32_t, 16>;
 
 /// Appends those of a vector of points that are in view, of which `known` are points at all.
 HWY_INLINE void project_vector(const float* x_m, const float* y_m, const float* z_m, std::size_t first,
@@ -86,18 +87,71 @@ void Project(const FeatureSet& features, std::size_t first, std::size_t count, c
   project_vector(rest[0], rest[1], rest[2], i, count - i, projection, with_tiles, landed);
 }
 
-double SumXLogX(const double* values, std::size_t count) {
+/// Sum of x log x.
+HWY_INLINE double sum_x_log_x(const std::uint32_t* values, std::size_t count) {
   const Doubles d;
+  const hn::Rebind<std::uint32_t, Doubles> counts;
   const std::size_t lanes = hn::Lanes(d);
   auto sum = hn::Zero(d);
-  std::size_t i = 0;
-  for (; i + lanes <= count; i += lanes) {
-    const auto value = hn::LoadU(d, values + i);
-    sum = hn::MulAdd(value, hn::Log(d, hn::Max(value, hn::Set(d, 1e-300))), sum);
+  for (std::size_t i = 0; i < count; i += lanes) {
+    const auto x = hn::PromoteTo(d, hn::BitCast(hn::RebindToSigned<decltype(counts)>(), hn::LoadU(counts, values + i)));
+    sum = hn::MulAdd(x, hn::Log(d, hn::Max(x, hn::Set(d, 1))), sum);
   }
-  double total = hn::GetLane(hn::SumOfLanes(d, sum));
-  for (; i < count; ++i) total += values[i] * hn::GetLane(hn::Log(d, hn::Set(d, std::max(values[i], 1e-300))));
-  return total;
+  return hn::GetLane(hn::SumOfLanes(d, sum));
+}
+
+/// Smooths the row with [1 2 1]; beyond the edge is what is at the edge.
+HWY_INLINE void smooth_row(const std::uint32_t* row, std::size_t classes, std::size_t length, std::uint32_t* to) {
+  const Counts c;
+  std::uint32_t padded[1 + TableSums::longest_row + 16];
+  for (std::size_t j = 0; j < length; j += hn::Lanes(c)) hn::StoreU(hn::LoadU(c, row + j), c, padded + 1 + j);
+  padded[0] = row[0];
+  padded[classes + 1] = row[classes - 1];
+  for (std::size_t j = 0; j < length; j += hn::Lanes(c)) {
+    const auto here = hn::LoadU(c, padded + 1 + j);
+    hn::StoreU(hn::Add(hn::Add(hn::LoadU(c, padded + j), hn::LoadU(c, padded + 2 + j)), hn::Add(here, here)), c,
+               to + j);
+  }
+}
+
+TableSums SumsOfTable(const std::uint32_t* counts, std::size_t classes, std::size_t length, bool smoothed) {
+  const Counts c;
+  const std::size_t lanes = hn::Lanes(c);
+  alignas(64) std::uint32_t joint[TableSums::longest_row],
+      columns[TableSums::longest_row] = {}, rows[TableSums::longest_row] = {}, across[3][TableSums::longest_row];
+  TableSums sums;
+  const auto row = [&](std::size_t i) { return counts + i * length; };
+  if (smoothed) {
+    smooth_row(row(0), classes, length, across[0]);
+    std::copy_n(across[0], length, across[2]);  // above the first
+  }
+  for (std::size_t i = 0; i < classes; ++i) {
+    if (smoothed) {
+      if (i + 1 < classes)
+        smooth_row(row(i + 1), classes, length, across[(i + 1) % 3]);
+      else
+        std::copy_n(across[i % 3], length, across[(i + 1) % 3]);
+    }
+    auto total = hn::Zero(c);
+    for (std::size_t j = 0; j < length; j += lanes) {
+      auto cells = hn::LoadU(c, row(i) + j);
+      if (smoothed) {
+        const auto here = hn::LoadU(c, &across[i % 3][j]);
+        cells = hn::Add(hn::Add(hn::LoadU(c, &across[(i + 2) % 3][j]), hn::LoadU(c, &across[(i + 1) % 3][j])),
+                        hn::Add(here, here));
+      }
+      cells = hn::IfThenElseZero(hn::FirstN(c, classes > j ? classes - j : 0), cells);
+      hn::StoreU(cells, c, joint + j);
+      hn::StoreU(hn::Add(hn::LoadU(c, columns + j), cells), c, columns + j);
+      total = hn::Add(total, cells);
+    }
+    rows[i] = hn::GetLane(hn::SumOfLanes(c, total));
+    sums.points += rows[i];
+    sums.joint += sum_x_log_x(joint, length);
+  }
+  sums.rows = sum_x_log_x(rows, length);
+  sums.columns = sum_x_log_x(columns, length);
+  return sums;
 }
 
 const char* TargetName() { return hwy::TargetName(HWY_TARGET); }
@@ -110,7 +164,7 @@ HWY_AFTER_NAMESPACE();
 namespace calib::simd {
 
 HWY_EXPORT(Project);
-HWY_EXPORT(SumXLogX);
+HWY_EXPORT(SumsOfTable);
 HWY_EXPORT(TargetName);
 
 void project(const FeatureSet& features, std::size_t first, std::size_t count, const Projection& projection,
@@ -138,7 +192,9 @@ void count(const Landed& landed, const std::uint8_t* row_ranks, const CountsShap
     count_all<false>(landed, row_ranks, shape, counts);
 }
 
-double sum_x_log_x(const double* values, std::size_t count) { return HWY_DYNAMIC_DISPATCH(SumXLogX)(values, count); }
+TableSums sums_of_table(const std::uint32_t* counts, std::size_t classes, std::size_t length, bool smoothed) {
+  return HWY_DYNAMIC_DISPATCH(SumsOfTable)(counts, classes, length, smoothed);
+}
 
 const char* target_name() { return HWY_DYNAMIC_DISPATCH(TargetName)(); }
 

@@ -39,6 +39,13 @@ struct Projection {
 
 namespace simd {
 
+/// Sums of x log x over a table's counts, over the sums of its rows and over those of its columns; and all its counts.
+struct TableSums {
+  static constexpr std::size_t longest_row = 256;
+  double joint = 0, rows = 0, columns = 0;
+  std::uint32_t points = 0;
+};
+
 /// Projects the points `first` .. `first + count`, at most `Landed::capacity` of them.
 void project(const FeatureSet& features, std::size_t first, std::size_t count, const Projection& projection,
              bool with_tiles, Landed& landed);
@@ -57,8 +64,9 @@ void look_up(const Value* plane, Landed& landed) {
 void count(const Landed& landed, const std::uint8_t* row_ranks, const CountsShape& shape, bool tiled,
            std::uint32_t* counts);
 
-/// Sum of x log x.
-double sum_x_log_x(const double* values, std::size_t count);
+/// Of a table of `classes` rows and columns, `length` counts from row to row. Smoothed with [1 2 1] in both directions
+/// (beyond the edge is what is at the edge) when wanted, so that a point counts sixteen times.
+TableSums sums_of_table(const std::uint32_t* counts, std::size_t classes, std::size_t length, bool smoothed);
 
 const char* target_name();
 

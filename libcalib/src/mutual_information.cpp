@@ -73,75 +73,28 @@ struct Scratch {
   Landed landed;
   std::vector<Counting> countings;
   std::array<std::vector<std::uint32_t>, 3> counts;
-  std::vector<double> across, joint, row_sums, column_sums;
 };
 
-/// The joint counts of a table without its column of no value, smoothed with [1 2 1] / 4 in both directions (beyond the
-/// edge is what is at the edge) when wanted; into `scratch.joint`, with its sums.
-void prepare_table(const std::uint32_t* counts, int classes, int row_shift, bool smoothed, Scratch& scratch) {
-  const auto n = static_cast<std::size_t>(classes);
-  scratch.across.resize(n * n);
-  scratch.joint.resize(n * n);
-  double* across = scratch.across.data();
-  double* joint = scratch.joint.data();
-  for (std::size_t i = 0; i < n; ++i) {
-    const std::uint32_t* row = counts + (i << row_shift);
-    double* to = (smoothed ? across : joint) + i * n;
-    for (std::size_t j = 0; j < n; ++j) to[j] = row[j];
-    if (!smoothed) continue;
-    to[0] = 3.0 * row[0] + row[1];
-    for (std::size_t j = 1; j + 1 < n; ++j) to[j] = row[j - 1] + 2.0 * row[j] + row[j + 1];
-    to[n - 1] = row[n - 2] + 3.0 * row[n - 1];
-  }
-  if (smoothed)
-    for (std::size_t i = 0; i < n; ++i) {
-      const double *above = across + (i == 0 ? 0 : i - 1) * n, *here = across + i * n,
-                   *below = across + std::min(i + 1, n - 1) * n;
-      for (std::size_t j = 0; j < n; ++j) joint[i * n + j] = above[j] + 2 * here[j] + below[j];
-    }
-  scratch.row_sums.assign(n, 0);
-  scratch.column_sums.assign(n, 0);
-  for (std::size_t i = 0; i < n; ++i)
-    for (std::size_t j = 0; j < n; ++j) {
-      scratch.row_sums[i] += joint[i * n + j];
-      scratch.column_sums[j] += joint[i * n + j];
-    }
-}
-
-std::size_t points_in_table(const std::uint32_t* counts, int classes, int row_shift) {
-  std::size_t points = 0;
-  for (int i = 0; i < classes; ++i)
-    for (int j = 0; j < classes; ++j) points += counts[(static_cast<std::size_t>(i) << row_shift) + j];
-  return points;
-}
-
-/// Information of one table; none (1 when normalised, else 0) when all points are in one class.
-double information(const Term& term, Scratch& scratch, double points) {
-  const double n = term.normalised ? 16 * points : points;  // smoothing counts a point sixteen times
-  const double n_log_n = n * std::log(n);
-  const auto entropy = [&](const std::vector<double>& values) {
-    return (n_log_n - simd::sum_x_log_x(values.data(), values.size())) / n;
-  };
-  const double both = entropy(scratch.joint), each = entropy(scratch.row_sums) + entropy(scratch.column_sums);
-  if (!term.normalised) return each - both;
+/// Information of one table of `n` counts; none (1 when normalised, else 0) when all are in one class.
+double information(const simd::TableSums& sums, bool normalised) {
+  const double n = sums.points, n_log_n = n * std::log(n);
+  const auto entropy = [&](double sum_x_log_x) { return (n_log_n - sum_x_log_x) / n; };
+  const double both = entropy(sums.joint), each = entropy(sums.rows) + entropy(sums.columns);
+  if (!normalised) return each - both;
   return both > 0 ? each / both : 1;
 }
 
-Score score_term(const Term& term, const Counting& counting, const std::vector<std::uint32_t>& counts,
-                 Scratch& scratch) {
+Score score_term(const Term& term, const Counting& counting, const std::vector<std::uint32_t>& counts) {
   // A tile with fewer points than this says nothing; its points count as knowing nothing.
   const std::size_t least = counting.tiled ? 30 : min_scored_points;
   const double nothing = term.normalised ? 1 : 0;
   Score sum;
   for (int table = 0; table < counting.tables; ++table) {
     const std::uint32_t* from = counts.data() + (static_cast<std::size_t>(table) << counting.shape.table_shift);
-    const std::size_t points = points_in_table(from, counting.classes, counting.shape.row_shift);
-    double value = nothing;
-    if (points >= least) {
-      prepare_table(from, counting.classes, counting.shape.row_shift, term.normalised, scratch);
-      value = information(term, scratch, static_cast<double>(points));
-    }
-    sum.value += value * static_cast<double>(points);
+    const simd::TableSums sums =
+        simd::sums_of_table(from, counting.classes, 1 << counting.shape.row_shift, term.normalised);
+    const std::size_t points = term.normalised ? sums.points / 16 : sums.points;
+    sum.value += (points >= least ? information(sums, term.normalised) : nothing) * static_cast<double>(points);
     sum.points += points;
   }
   if (sum.points < min_scored_points) return {nothing, sum.points};
@@ -197,7 +150,7 @@ Score score(const FeatureSet& features, const RigidTransform& T_camera_lidar, co
   double weights = 0;
   for (std::size_t k = 0; k < countings.size(); ++k) {
     const Term& term = objective.terms[k];
-    const Score one = countings[k].possible() ? score_term(term, countings[k], scratch.counts[k], scratch)
+    const Score one = countings[k].possible() ? score_term(term, countings[k], scratch.counts[k])
                                               : Score{term.normalised ? 1.0 : 0.0, 0};
     result.value += term.weight * one.value;
     weights += term.weight;
@@ -209,14 +162,21 @@ Score score(const FeatureSet& features, const RigidTransform& T_camera_lidar, co
 }
 
 Score mean_score(Frames frames, const RigidTransform& T_camera_lidar, const Objective& objective) {
-  Score mean;
-  for (const FeatureSet* frame : frames) {
-    const Score one = score(*frame, T_camera_lidar, objective);
-    mean.value += one.value;
-    mean.points += one.points;
-  }
-  if (!frames.empty()) mean.value /= static_cast<double>(frames.size());
-  return mean;
+  return mean_scores(frames, {&T_camera_lidar, 1}, objective).front();
+}
+
+std::vector<Score> mean_scores(Frames frames, std::span<const RigidTransform> T_camera_lidar,
+                               const Objective& objective) {
+  std::vector<Score> means(T_camera_lidar.size());
+  for (const FeatureSet* frame : frames)
+    for (std::size_t i = 0; i < T_camera_lidar.size(); ++i) {
+      const Score one = score(*frame, T_camera_lidar[i], objective);
+      means[i].value += one.value;
+      means[i].points += one.points;
+    }
+  for (Score& mean : means)
+    if (!frames.empty()) mean.value /= static_cast<double>(frames.size());
+  return means;
 }
 
 std::string_view vector_instructions() { return simd::target_name(); }

@@ -28,24 +28,30 @@ struct Optimum {
 Result<Optimum> finish_six(SearchSteps& steps, const RigidTransform& T_near) {
   constexpr double same_rotation_rad = 0.1 * radians_per_degree;
   const Objective whole = final_objective(Method::standard, {true, true, true, true, true, true});
+  const Objective by_rotation = final_objective(Method::standard, {true, true, true, false, false, false});
   const Objective hill = objective_of({{.ranks_per_class = 8}});
   const Matrix6 directions = steps.hill_directions(T_near, objective_of({{.ranks_per_class = 8}}, 2));
-  const auto T_hill = steps.maximise_along(T_near, directions, hill);
+  const auto T_hill = steps.climb_along(T_near, directions, hill, 1);
   if (!T_hill) return tl::unexpected(T_hill.error());
-  const auto found = steps.maximise_along(*T_hill, directions, whole);
+  const auto found = steps.climb_along(*T_hill, directions, whole, 3);
   if (!found) return tl::unexpected(found.error());
-  const auto by_tiles =
-      steps.maximise(*found, 3, 0.3, final_objective(Method::standard, {true, true, true, false, false, false}), 25);
+  const auto turned = [&](const Eigen::VectorXd& x) {
+    Vector6 delta = Vector6::Zero();
+    delta.head<3>() = same_rotation_rad * x;
+    return RigidTransform(*found * perturbation(delta));
+  };
+  const auto by_tiles = steps.climb(3, turned, by_rotation, 2);
   if (!by_tiles) return tl::unexpected(by_tiles.error());
   if (rotation_angle_rad(found->inverse() * *by_tiles) < same_rotation_rad) return Optimum{*found, whole};
   Objective distrustful = whole;
   distrustful.terms[0].weight = 0.1;
-  const auto again = steps.maximise_along(*by_tiles, directions, distrustful);
+  const auto again = steps.climb_along(*by_tiles, directions, distrustful, 3);
   if (!again) return tl::unexpected(again.error());
   return Optimum{*again, distrustful, true};
 }
 
 Result<Optimum> search_standard(SearchSteps& steps, const RigidTransform& T_start, const SearchSettings& settings) {
+  constexpr double near_rad = 15 * radians_per_degree;
   const int parameters = steps.parameters();
   RigidTransform T = T_start;
   SearchBounds bounds = settings.bounds;
@@ -55,7 +61,7 @@ Result<Optimum> search_standard(SearchSteps& steps, const RigidTransform& T_star
     const auto found = steps.coarse();
     if (!found) return tl::unexpected(found.error());
     T = *found;
-    steps.view().look_about(T, {15 * radians_per_degree, settings.bounds.translation_m});
+    if (bounds.rotation_rad > near_rad) steps.view().look_about(T, {near_rad, bounds.translation_m});
   }
   for (const int stage : parameters == 6 ? std::vector<int>{3, 6} : std::vector<int>{parameters}) {
     const Objective hill = objective_of({{.ranks_per_class = 8}}, stage == 6 ? 2 : 4);  // translation needs more points

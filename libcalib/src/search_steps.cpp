@@ -6,6 +6,7 @@
 #include <numbers>
 #include <string>
 
+#include "quadratic_hill.hpp"
 #include "rotation_grid.hpp"
 
 namespace calib {
@@ -19,13 +20,14 @@ bool all(const std::array<bool, 6>& released, int from, int to) {
 
 /// What is maximised by a coarse look around: information in all that is in view, not per point, because a view with
 /// few points left can score high by chance.
-double total_information(Frames frames, const RigidTransform& T, const Objective& objective) {
-  double sum = 0;
-  for (const FeatureSet* frame : frames) {
-    const Score one = score(*frame, T, objective);
-    sum += (one.value - 1) * static_cast<double>(one.points);
-  }
-  return sum;
+std::vector<double> total_information(Frames frames, std::span<const RigidTransform> T, const Objective& objective) {
+  std::vector<double> sums(T.size());
+  for (const FeatureSet* frame : frames)
+    for (std::size_t i = 0; i < T.size(); ++i) {
+      const Score one = score(*frame, T[i], objective);
+      sums[i] += (one.value - 1) * static_cast<double>(one.points);
+    }
+  return sums;
 }
 
 /// Turning about a point ahead of the camera, in the units of the search.
@@ -45,13 +47,16 @@ Objective objective_of(std::initializer_list<Term> terms, int stride) {
   return objective;
 }
 
-double SearchSteps::value(const RigidTransform& T, const Objective& objective) {
-  ++evaluations_;
-  const Vector6 delta = delta_of(T);
-  double outside = 0;
-  for (int axis = settings_.any_orientation ? 3 : 0; axis < 6; ++axis)
-    if (settings_.released[axis]) outside += std::max(0.0, std::abs(delta[axis]) / limit(axis) - 1);
-  return mean_score(view_.frames(), T, objective).value - outside;
+std::vector<double> SearchSteps::values(std::span<const RigidTransform> T, const Objective& objective) {
+  evaluations_ += static_cast<int>(T.size());
+  std::vector<double> values;
+  for (const Score& score : mean_scores(view_.frames(), T, objective)) values.push_back(score.value);
+  for (std::size_t i = 0; i < T.size(); ++i) {
+    const Vector6 delta = delta_of(T[i]);
+    for (int axis = settings_.any_orientation ? 3 : 0; axis < 6; ++axis)
+      if (settings_.released[axis]) values[i] -= std::max(0.0, std::abs(delta[axis]) / limit(axis) - 1);
+  }
+  return values;
 }
 
 int SearchSteps::parameters() const {
@@ -83,23 +88,27 @@ Result<RigidTransform> SearchSteps::coarse() {
   const bool wide = reach > wide_rad;
   const auto few = view_.some(reach > std::numbers::pi / 3 ? 8 : 25);
   const Objective quick = objective_of({{.ranks_per_class = 16}}, wide ? 32 : 8);
-  struct Place {
+  struct Candidate {
     double value;
     RigidTransform T;
   };
-  std::vector<Place> places;
-  for (std::size_t i = 0; i < grid.size(); ++i) {
-    const RigidTransform T = T_start_ * RigidTransform(grid[i]);
-    places.push_back({total_information(few, T, quick), T});
-    if (i % 512 == 0) tell(0.5 * static_cast<double>(i) / static_cast<double>(grid.size()));
+  std::vector<Candidate> places;
+  constexpr std::size_t at_once = 512;
+  for (std::size_t first = 0; first < grid.size(); first += at_once) {
+    std::vector<RigidTransform> some;
+    for (std::size_t i = first; i < std::min(grid.size(), first + at_once); ++i)
+      some.push_back(T_start_ * RigidTransform(grid[i]));
+    const std::vector<double> information = total_information(few, some, quick);
+    for (std::size_t i = 0; i < some.size(); ++i) places.push_back({information[i], some[i]});
+    tell(0.5 * static_cast<double>(first) / static_cast<double>(grid.size()));
   }
   evaluations_ += static_cast<int>(grid.size());
-  std::ranges::stable_sort(places, std::ranges::greater(), &Place::value);
+  std::ranges::stable_sort(places, std::ranges::greater(), &Candidate::value);
 
   const std::size_t wanted = !wide ? 1 : reach > std::numbers::pi / 3 ? 16 : 6;
-  std::vector<Place> best;
-  for (const Place& place : places) {
-    const auto near = [&](const Place& other) {
+  std::vector<Candidate> best;
+  for (const Candidate& place : places) {
+    const auto near = [&](const Candidate& other) {
       return rotation_angle_rad(place.T.inverse() * other.T) < 1.5 * spacing;
     };
     if (!std::ranges::any_of(best, near)) best.push_back(place);
@@ -107,12 +116,12 @@ Result<RigidTransform> SearchSteps::coarse() {
   }
   if (best.size() == 1) return best.front().T;
   const Objective hill = objective_of({{.ranks_per_class = 8}}, 8);
-  for (Place& place : best) {
+  for (Candidate& place : best) {
     const auto climbed = maximise(place.T, 3, 0.4 * spacing / unit_of(0), hill, 60);
     if (!climbed) return climbed;
-    place = {total_information(view_.frames(), *climbed, hill), *climbed};
+    place = {total_information(view_.frames(), {&*climbed, 1}, hill).front(), *climbed};
   }
-  return std::ranges::max_element(best, {}, &Place::value)->T;
+  return std::ranges::max_element(best, {}, &Candidate::value)->T;
 }
 
 Result<void> SearchSteps::optimise(std::vector<double> x, const std::vector<double>& room, const Run& run,
@@ -184,20 +193,26 @@ Result<RigidTransform> SearchSteps::maximise(const RigidTransform& T_base, int p
 
 Matrix6 SearchSteps::hill_directions(const RigidTransform& T, const Objective& objective) {
   constexpr double step = 0.35, same_loss = 3e-4, longest = 1.5;
-  const auto at = [&](const Vector6& units) { return value(moved(T, units), objective); };
-  const double here = at(Vector6::Zero());
-  Vector6 plus, minus;
-  Matrix6 curvature;
+  std::vector<RigidTransform> places{T};
+  const auto place = [&](const Vector6& units) {
+    places.push_back(moved(T, units));
+    places.push_back(moved(T, -units));
+  };
   for (int i = 0; i < 6; ++i) {
-    const Vector6 move = step * Vector6::Unit(i);
-    plus[i] = at(move);
-    minus[i] = at(-move);
-    curvature(i, i) = (2 * here - plus[i] - minus[i]) / (step * step);
-    for (int j = 0; j < i; ++j) {
-      const Vector6 both = move + step * Vector6::Unit(j);
-      curvature(i, j) = (plus[i] + minus[i] + plus[j] + minus[j] - 2 * here - at(both) - at(-both)) / (2 * step * step);
-      curvature(j, i) = curvature(i, j);
-    }
+    place(step * Vector6::Unit(i));
+    for (int j = 0; j < i; ++j) place(step * (Vector6::Unit(i) + Vector6::Unit(j)));
+  }
+  const std::vector<double> at = values(places, objective);
+  // Second differences: how much is lost on both sides together.
+  Matrix6 curvature;
+  std::size_t next = 1;
+  const auto lost = [&] {
+    next += 2;
+    return (2 * at[0] - at[next - 2] - at[next - 1]) / (step * step);
+  };
+  for (int i = 0; i < 6; ++i) {
+    curvature(i, i) = lost();
+    for (int j = 0; j < i; ++j) curvature(i, j) = curvature(j, i) = (lost() - curvature(i, i) - curvature(j, j)) / 2;
   }
   const Eigen::SelfAdjointEigenSolver<Matrix6> hill(curvature);
   const double flattest = 2 * same_loss / (longest * longest);
@@ -205,30 +220,69 @@ Matrix6 SearchSteps::hill_directions(const RigidTransform& T, const Objective& o
   return hill.eigenvectors() * length.asDiagonal();
 }
 
-Result<RigidTransform> SearchSteps::maximise_along(const RigidTransform& T_base, const Matrix6& directions,
-                                                   const Objective& objective) {
-  const std::vector<double> room(6, 30);
-  RigidTransform best = T_base;
-  double best_value = value(T_base, objective);
+Result<RigidTransform> SearchSteps::climb(int parameters, const Place& place, const Objective& objective, int batches) {
+  constexpr double least_radius = 0.3, longest_step = 2;  // the latter in radii
+  QuadraticHill hill(parameters);
+  Eigen::VectorXd centre = Eigen::VectorXd::Zero(parameters);
+  double radius = 1;
+  bool in_reach = false;
+  for (int batch = 0; batch < batches || (!in_reach && batch == batches); ++batch) {
+    const Eigen::MatrixXd axes = radius * turned_axes(parameters, batch);
+    std::vector<Eigen::VectorXd> at{centre};
+    for (int i = 0; i < parameters; ++i) {
+      at.emplace_back(centre + axes.col(i));
+      at.emplace_back(centre - axes.col(i));
+    }
+    const double best_before = hill.best().value;
+    std::vector<RigidTransform> places;
+    std::ranges::transform(at, std::back_inserter(places), place);
+    const std::vector<double> found = values(places, objective);
+    for (std::size_t i = 0; i < at.size(); ++i) hill.add({at[i], found[i]});
+    double loss = 0;
+    for (std::size_t i = 1; i < found.size(); ++i) loss += std::max(0.0, found[0] - found[i]) / parameters;
+    if (batch > 0 && found[0] < best_before) radius = std::max(least_radius, radius / 2);
+    const Eigen::VectorXd step = hill.step_to_top(radius, loss, longest_step);
+    centre = hill.best().at + step;
+    in_reach = step.norm() < radius;
+    if (in_reach) radius = std::max(least_radius, radius / 1.5);
+  }
+  if (value(place(centre), objective) < hill.best().value) centre = hill.best().at;
+  if (!in_reach) return follow_valley(place, centre, objective);
+  exhausted_ = false;
+  return place(centre);
+}
+
+Result<RigidTransform> SearchSteps::follow_valley(const Place& place, Eigen::VectorXd best,
+                                                  const Objective& objective) {
+  const auto parameters = static_cast<std::size_t>(best.size());
+  const std::vector<double> room(parameters, 30);
+  double best_value = value(place(best), objective);
   // The second pass takes wide steps, over the small hills that a flat valley is full of.
   for (const double first_step : {1.0, 3.0, 1.0}) {
-    const RigidTransform T_centre = best;
+    const Eigen::VectorXd centre = best;
     const double before = best_value;
     const auto at = [&](const std::vector<double>& x) {
-      const RigidTransform T = moved(T_centre, directions * Eigen::Map<const Vector6>(x.data()));
-      const double result = value(T, objective);
+      const Eigen::VectorXd there = centre + Eigen::Map<const Eigen::VectorXd>(x.data(), centre.size());
+      const double result = value(place(there), objective);
       if (result > best_value) {
         best_value = result;
-        best = T;
+        best = there;
       }
       return result;
     };
-    if (auto done = optimise(std::vector<double>(6, 0.0), room, {.first_step = first_step, .tolerance = 0.05}, at);
+    if (auto done =
+            optimise(std::vector<double>(parameters, 0), room, {.first_step = first_step, .tolerance = 0.05}, at);
         !done)
       return tl::unexpected(done.error());
     if (first_step > 1 && best_value - before < negligible_gain) break;
   }
-  return best;
+  return place(best);
+}
+
+Result<RigidTransform> SearchSteps::climb_along(const RigidTransform& T_base, const Matrix6& directions,
+                                                const Objective& objective, int batches) {
+  return climb(
+      6, [&](const Eigen::VectorXd& x) { return moved(T_base, directions * x); }, objective, batches);
 }
 
 }  // namespace calib

@@ -1,7 +1,9 @@
 #pragma once
 
 #include <algorithm>
+#include <functional>
 #include <initializer_list>
+#include <span>
 #include <vector>
 
 #include "calib/search.hpp"
@@ -52,7 +54,11 @@ class SearchSteps {
 
   /// The mean score less a penalty for leaving the bounds: they are a box in the LiDAR's own parameters, which is none
   /// in the search variables.
-  [[nodiscard]] double value(const RigidTransform& T, const Objective& objective);
+  [[nodiscard]] double value(const RigidTransform& T, const Objective& objective) {
+    return values({&T, 1}, objective).front();
+  }
+  /// At several extrinsics, in less time than one by one.
+  [[nodiscard]] std::vector<double> values(std::span<const RigidTransform> T, const Objective& objective);
 
   [[nodiscard]] Vector6 delta_of(const RigidTransform& T) const {
     return perturbation_parameters(T_start_.inverse() * T);
@@ -82,10 +88,16 @@ class SearchSteps {
   /// Directions (columns) of the hill at `T`, each as long as it takes to lose the same small part of the score: along
   /// a valley they are long, across it short. From second differences.
   [[nodiscard]] Matrix6 hill_directions(const RigidTransform& T, const Objective& objective);
-  /// Maximises all six along `directions`, again from where it ended as long as that helps. Where the hill is a valley,
-  /// this takes half as many evaluations as along the axes, and ends nearer to the top.
-  [[nodiscard]] Result<RigidTransform> maximise_along(const RigidTransform& T_base, const Matrix6& directions,
-                                                      const Objective& objective);
+  using Place = std::function<RigidTransform(const Eigen::VectorXd&)>;
+  /// Maximises over parameters of which one unit loses about as much of the score as another, from zero: by quadratics
+  /// through batches of samples, each about the top of the one before. Near the hill this takes fewer evaluations than
+  /// BOBYQA and ends nearer to its top, because it looks through the small hills on it. When the top is not within
+  /// reach after so many batches and one more, BOBYQA goes on. Returns the best extrinsic seen.
+  [[nodiscard]] Result<RigidTransform> climb(int parameters, const Place& place, const Objective& objective,
+                                             int batches);
+  /// All six, along `directions`.
+  [[nodiscard]] Result<RigidTransform> climb_along(const RigidTransform& T_base, const Matrix6& directions,
+                                                   const Objective& objective, int batches);
 
   /// 3 when rotation alone is sought, 6 for everything, 0 for any other choice of axes.
   [[nodiscard]] int parameters() const;
@@ -96,6 +108,9 @@ class SearchSteps {
   [[nodiscard]] bool exhausted() const { return exhausted_; }
 
  private:
+  /// By BOBYQA, again from where it ended as long as that helps.
+  [[nodiscard]] Result<RigidTransform> follow_valley(const Place& place, Eigen::VectorXd start,
+                                                     const Objective& objective);
   struct Run {
     double first_step = 1, tolerance = 2e-3;
     int budget = most_evaluations;

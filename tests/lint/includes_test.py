@@ -10,7 +10,7 @@ ORDER = ("result sha256 config_node wall_time geometry axis_words camera frame p
 # Implementations of an interface, and private parts, stand beside the header that they serve.
 BESIDE = {"camera_models": "camera", "drift_evidence": "drift", "drift_estimate": "drift", "depth_stereo": "depth", "stereo_rectification": "depth", "depth_topic": "depth", "depth_onnx": "depth",
           "model_file": "depth_model", "network_image": "depth", "onnx_network": "depth",
-          "joint_histogram": "mutual_information", "rotation_grid": "search", "search_steps": "search",
+          "joint_histogram": "mutual_information", "rotation_grid": "search", "search_steps": "search", "quadratic_hill": "search",
           "uncertainty": "search", "recalibration_gates": "recalibrate",
           "json_fields": "record"}
 

@@ -221,7 +221,7 @@ TEST_CASE("a LiDAR put right scores as was normal; depth that has gone wrong doe
 }
 
 TEST_CASE("an optimum that not every half of the pairs has is a false one") {
-  const Drive drive = spoilt_drive([](int i) { return test::knock(0, 0, i == 1 || i == 3 || i == 5 ? 0.8 : 2.5); },
+  const Drive drive = spoilt_drive([](int i) { return test::knock(0, 0, i == 1 || i == 3 || i == 5 ? 0.8 : 2); },
                                    leave_alone, fitted + 1 + held);
   const Recalibration result = drive.search();
   CHECK_FALSE(result.accepted);

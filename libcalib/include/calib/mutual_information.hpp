@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <span>
 #include <string_view>
+#include <vector>
 
 #include "calib/features.hpp"
 
@@ -66,6 +67,11 @@ using Frames = std::span<const FeatureSet* const>;
 /// Points are summed.
 [[nodiscard]] Score mean_score(Frames frames, const RigidTransform& T_camera_lidar,
                                const Objective& objective = depth_objective);
+
+/// The same at several extrinsics, frame by frame: what a frame's scores read stays in the processor's caches, which a
+/// mean over many frames runs through.
+[[nodiscard]] std::vector<Score> mean_scores(Frames frames, std::span<const RigidTransform> T_camera_lidar,
+                                             const Objective& objective = depth_objective);
 
 /// Name of the vector instructions that scores are computed with on this processor.
 [[nodiscard]] std::string_view vector_instructions();
