@@ -33,6 +33,22 @@ TEST_CASE("near points are red and far ones blue, where they land") {
   CHECK(picture.at<cv::Vec3b>(2, 2) == cv::Vec3b(100, 100, 100));
 }
 
+TEST_CASE("the image is seen between the dots of a dense scan") {
+  const test::TemporaryFolder folder;
+  Shot shot;
+  shot.pair.scan.points.clear();
+  for (int v = 0; v < 480; ++v)
+    for (int u = 0; u < 640; ++u)
+      shot.pair.scan.points.push_back(
+          {(static_cast<float>(u) / 10 - 32) / 50, (static_cast<float>(v) / 10 - 24) / 50, 1, 0});
+  const auto file = folder.path() / "overlay.png";
+  require_ok(write_overlay(file, shot.pair, shot.camera, RigidTransform::Identity()));
+  cv::Mat untouched;
+  cv::inRange(cv::imread(file.string()), cv::Scalar::all(100), cv::Scalar::all(100), untouched);
+  CHECK(cv::countNonZero(untouched) > 64 * 48 / 2);
+  CHECK(cv::countNonZero(untouched) < 64 * 48 * 9 / 10);
+}
+
 TEST_CASE("depth stands below the image in the same colours, black where there is none") {
   const test::TemporaryFolder folder;
   const Shot shot;
