@@ -38,7 +38,7 @@ TEST_CASE("depth that is suddenly wrong looks like a LiDAR that has moved, and i
   CHECK(scenario.alerts(Verdict::drifted) == 1);
 }
 
-TEST_CASE("refused recalibrations come ever more rarely, in pairs and in time, also over a restart") {
+TEST_CASE("refused recalibrations come ever more rarely, in pairs and in time, also over a restart", "[release-only]") {
   PairScenario scenario;
   const World biased = shifted_depth(6);
   scenario.drive(60, biased);
@@ -85,7 +85,8 @@ TEST_CASE(
   CHECK(scenario.records(Decision::baseline) == 0);  // that of before is good enough
 }
 
-TEST_CASE("where the objective has a false hill far away, nothing is signed that is worse than before") {
+TEST_CASE("where the objective has a false hill far away, nothing is signed that is worse than before",
+          "[release-only]") {
   const Vector6 far = moved(3, -4, 4.5);
   PairScenario scenario;
   CHECK(scenario.drive_until(Verdict::drifted, 20, {.motion = far}) <= 20);

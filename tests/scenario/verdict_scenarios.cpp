@@ -21,7 +21,7 @@ TEST_CASE("a vehicle that is new learns its baseline, signs it twice, and then s
   CHECK(scenario.status().evaluated == 200);
 }
 
-TEST_CASE("without drift there is no alert and no record") {
+TEST_CASE("without drift there is no alert and no record", "[release-only]") {
   PairScenario scenario;
   scenario.drive(300);
   CHECK(scenario.verdict() == Verdict::calibrated);
@@ -32,7 +32,7 @@ TEST_CASE("without drift there is no alert and no record") {
   for (int axis = 0; axis < 3; ++axis) CHECK((*scenario.status().noticeable)[axis] < 0.5 * radians_per_degree);
 }
 
-TEST_CASE("a yaw that drifts by a tenth of a degree an hour is told before it is half a degree") {
+TEST_CASE("a yaw that drifts by a tenth of a degree an hour is told before it is half a degree", "[release-only]") {
   PairScenario scenario({.mode = RecalibrationMode::propose});
   const int windows = scenario.drive_until(Verdict::drifted, 5 * 360,
                                            [](double hours) { return World{.motion = moved(0, 0, 0.1 * hours)}; });

@@ -75,7 +75,8 @@ bool same(const DriftState& a, const DriftState& b) {
 
 }  // namespace
 
-TEST_CASE("a LiDAR that stays where it is raises no alarm, whatever the constant bias of the depth source") {
+TEST_CASE("a LiDAR that stays where it is raises no alarm, whatever the constant bias of the depth source",
+          "[release-only]") {
   for (std::uint64_t seed = 0; seed < 100; ++seed) {
     Vehicle vehicle(seed);
     vehicle.offset = Vector6::Constant(seed % 2 == 0 ? 0.2 : -0.2);
@@ -154,7 +155,7 @@ TEST_CASE("a shift right after the baseline was learned does not become normal")
   }
 }
 
-TEST_CASE("chance raises no more alarms than are wanted, also where consecutive pairs err alike") {
+TEST_CASE("chance raises no more alarms than are wanted, also where consecutive pairs err alike", "[release-only]") {
   DriftSettings settings = keen;
   settings.false_alarms_per_pair = 1e-2;
   constexpr int vehicles = 10, pairs = 10'000;
