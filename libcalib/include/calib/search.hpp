@@ -72,7 +72,8 @@ struct Uncertainty {
 
 /// Finds the extrinsic that maximises the method's objective over `frames` (paper, Algorithm 1), by BOBYQA (Powell
 /// 2009). With all six axes released it turns about a point 15 m in front of the camera, and goes along the directions
-/// of the hill there, which straightens the valley in which pitch trades against z and yaw against y. Deterministic.
+/// of the hill there, which straightens the valley in which pitch trades against z and yaw against y; near the top it
+/// goes by quadratics through batches of samples, which look through the small hills that noise makes. Deterministic.
 /// Fails with `too_few_pairs` without a frame, and with `search_failed` when nothing is in view or the optimiser
 /// breaks.
 [[nodiscard]] Result<SearchResult> search(Frames frames, const RigidTransform& T_camera_lidar, Method method,
@@ -85,8 +86,8 @@ struct Uncertainty {
 [[nodiscard]] Uncertainty uncertainty(Frames frames, const RigidTransform& T_camera_lidar, const Objective& objective,
                                       const SearchSettings& settings = {});
 
-/// What drift is judged by: depth of the whole image, which is the sharpest; where a network guesses it, what errors that
-/// are the same all over the image leave alone, tiles and intensity.
+/// What drift is judged by: depth of the whole image, which is the sharpest; where a network guesses it, what errors
+/// that are the same all over the image leave alone, tiles and intensity.
 [[nodiscard]] Objective drift_objective(bool depth_is_guessed);
 
 /// The objective of a method's last stage, as long as nothing speaks of biased depth.
