@@ -241,6 +241,14 @@ TEST_CASE("on frames of a street the truth scores best") {
   }
   CHECK(best == sum / 4);
   CHECK(mean_score(all, T).points == points);
+
+  const std::vector<RigidTransform> several{T, T * test::knock(0, 0, 1), T};
+  const std::vector<Score> scores = mean_scores(all, several);
+  REQUIRE(scores.size() == several.size());
+  for (std::size_t i = 0; i < several.size(); ++i) {
+    CHECK(scores[i].value == mean_score(all, several[i]).value);
+    CHECK(scores[i].points == mean_score(all, several[i]).points);
+  }
 }
 
 TEST_CASE("the score depends on where things are, not on where the LiDAR's frame is put") {
