@@ -178,6 +178,10 @@ def test_too_few_frames_are_told(drift, recording):
     assert "7 frames can be used, and at least 8 are needed" in refusal(drift(*recording, "--frames", 7))
 
 
+def test_blocks_that_leave_nothing_to_draw_are_told(drift, recording):
+    assert "--block 5 is more than half of the 9 frames" in refusal(drift(*recording, "--block", 5))
+
+
 def test_a_result_that_cannot_be_written_is_told_before_any_work(drift, recording, tmp_path):
     ended = drift(*recording, "--json", tmp_path / "missing" / "r.json")
     assert "cannot be written" in refusal(ended) and ended.out == ""
@@ -194,6 +198,11 @@ def test_a_result_that_cannot_be_written_is_told_before_any_work(drift, recordin
     (["--sim", "--depth-dir", "x", "--depth-kind", "depth"], "--depth-dir"),
     (["--sim", "--camera", "image_02"], "--camera"),
     (["--sim", "--weeks", "0"], "--weeks"),
+    (["--sim", "--weeks", "nan"], "--weeks"),
+    (["--sim", "--rate", "nan"], "--rate"),
+    (["--sim", "--period-s", "nan"], "--period-s"),
+    (["--sim", "--false-alerts-per-1000-vehicle-weeks", "nan"], "--false-alerts-per-1000-vehicle-weeks"),
+    (["--sim", "--pairs", "1"], "--pairs"),
     (["--sim", "--seeds", "0"], "--seeds"),
     (["--sim", "--frames", "2"], "--frames"),
     (["--sim-places", "3", "--dataset", "list", "--root", "x", "--depth", "stereo"], "--sim"),

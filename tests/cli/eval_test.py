@@ -3,6 +3,7 @@
 import json
 import os
 import pathlib
+import re
 import shutil
 import subprocess
 import types
@@ -49,16 +50,6 @@ def fisheye(bin_dir, tmp_path_factory):
 
 
 @pytest.fixture
-def own_drive(stereo, tmp_path):
-    """A copy of the drive, to be damaged: its date folder, its drive folder, and the options that name it."""
-    drive = pathlib.Path(stereo[3])
-    date = tmp_path / drive.parent.name
-    shutil.copytree(drive.parent, date)
-    return types.SimpleNamespace(date=date, drive=date / drive.name,
-                                 options=["--dataset", "kitti-raw", "--root", date / drive.name, "--depth", "stereo"])
-
-
-@pytest.fixture
 def own_list(fisheye, tmp_path):
     """A copy of the list, to be damaged."""
     folder = tmp_path / "list"
@@ -73,7 +64,7 @@ def without_times(result):
         del entry["seconds_per_run"]
     for entry in result["runs"]:
         del entry["seconds"]
-    return result
+    return result["cells"], result["runs"]
 
 
 def assert_a_picture(path):
@@ -130,10 +121,12 @@ def test_the_result_says_all_that_its_summary_comes_from(evaluate, stereo, tmp_p
     assert evaluate("calibrate", *stereo, "--rotation-deg", "2", "--starts", 5, "--frames", 4, "--seed", 9, "--threads", 2,
                     "--json", tmp_path / "r.json").exit == DONE
     result = json.loads((tmp_path / "r.json").read_text())
-    assert result["schema"] == 1 and result["kind"] == "calibrate" and result["seed"] == 9
+    assert result["schema"] == 1 and result["kind"] == "calibrate" and result["complete"] and result["seed"] == 9
     assert result["command"] == ["calib-eval", "calibrate", *stereo, "--rotation-deg", "2", "--starts", "5", "--frames", "4",
                                  "--seed", "9"]
     assert len(result["recording"]["frames"]) == 4 and result["recording"]["left_out"] == []
+    agreement = result["recording"]["depth_agreement"]
+    assert agreement["rank_correlation"] > 0.9 and agreement["frames"] == agreement["own_cloud_better"] == 4
     (cell,) = result["cells"]
     assert (cell["starts"], cell["dof"], cell["rotation_deg"], cell["translation_cm"]) == (5, 3, 2, 0)
     runs = result["runs"]
@@ -151,13 +144,15 @@ def test_the_result_says_all_that_its_summary_comes_from(evaluate, stereo, tmp_p
 
 def test_the_same_seed_gives_the_same_result_with_any_number_of_threads(evaluate, stereo, tmp_path):
     results = []
-    for threads in (1, 3):
+    for threads, seed in ((1, 1), (3, 1), (3, 2)):
         path = tmp_path / f"{threads}.json"
-        assert evaluate("calibrate", *stereo, "--rotation-deg", "1,180", "--depth-bias", 0.2, "--starts", 3, "--threads", threads,
-                        "--json", path).exit == DONE
+        assert evaluate("calibrate", *stereo, "--rotation-deg", "1,180,1.0", "--depth-bias", 0.2, "--starts", 3, "--threads",
+                        threads, "--seed", seed, "--json", path).exit == DONE
         results.append(without_times(json.loads(path.read_text())))
     assert results[0] == results[1]
-    assert len(results[0]["runs"]) == 6
+    of_one, of_another = (runs for _, runs in results[1:])
+    assert len(of_one) == 6, "1.0 is 1 once more"
+    assert of_one[3]["start"] != of_another[3]["start"] and of_one[0]["start"] == of_another[0]["start"]
 
 
 def test_progress_is_shown_on_a_terminal(bin_dir, stereo):
@@ -170,15 +165,6 @@ def test_progress_is_shown_on_a_terminal(bin_dir, stereo):
     assert "default, 1 deg, 0 cm [....." in shown and "0 of 2" in shown
     assert shown.endswith("\x1b[K"), "the bar is gone in the end"
     assert "[..." not in ended.stdout
-
-
-def test_another_seed_gives_other_orientations(evaluate, stereo, tmp_path):
-    starts = []
-    for seed in (1, 2):
-        assert evaluate("calibrate", *stereo, "--rotation-deg", 180, "--starts", 1, "--seed", seed, "--frames", 3,
-                        "--json", tmp_path / "r.json").exit == DONE
-        starts.append(json.loads((tmp_path / "r.json").read_text())["runs"][0]["start"])
-    assert starts[0] != starts[1]
 
 
 def test_biased_depth_is_worse_depth(evaluate, fisheye, tmp_path):
@@ -243,7 +229,7 @@ def test_figures_show_a_run_before_and_after(evaluate, stereo, tmp_path):
     (tmp_path / figures[1]["views"][0]["overlay"]).unlink()
 
     drawn = evaluate("plot", tmp_path / "r.json", "--out", tmp_path / "pictures")
-    assert drawn.exit == DONE and "cannot be read" in drawn.err
+    assert figures[1]["views"][0]["overlay"] in refusal(drawn), "what is there is drawn all the same"
     names = {pathlib.Path(line).name for line in drawn.out.splitlines()}
     cell = "default_6dof_1deg_25cm.png"
     assert {f"bullseye_rotation_{cell}", f"bullseye_translation_{cell}", f"histograms_{cell}", f"overlay_{cell}",
@@ -253,7 +239,7 @@ def test_figures_show_a_run_before_and_after(evaluate, stereo, tmp_path):
 
 
 @pytest.mark.parametrize("text", ["no json", "[]", '{"schema": 2, "kind": "curve"}', '{"schema": 1, "kind": "song"}',
-                                  '{"schema": 1, "kind": "curve"}'])
+                                  '{"schema": 1, "kind": "curve"}', '{"schema": 1, "kind": "calibrate", "cells": []}'])
 def test_plot_refuses_what_is_no_result_in_one_line(evaluate, tmp_path, text):
     (tmp_path / "r.json").write_text(text)
     refusal(evaluate("plot", tmp_path / "r.json"))
@@ -261,26 +247,45 @@ def test_plot_refuses_what_is_no_result_in_one_line(evaluate, tmp_path, text):
 
 # --- bad recordings, bad words ---
 
-@pytest.mark.parametrize("command", ["calibrate", "curve"])
-def test_a_missing_calibration_is_told(evaluate, own_drive, command):
-    (own_drive.date / "calib_velo_to_cam.txt").unlink()
-    assert "calib_velo_to_cam.txt" in refusal(evaluate(command, *own_drive.options))
+def set_quaternion(own_list, change):
+    text = own_list.yaml.read_text()
+    numbers = re.search(r"quaternion_xyzw: \[(.*)\]", text)[1]
+    own_list.yaml.write_text(text.replace(numbers, ", ".join(map(str, change(*map(float, numbers.split(", ")))))))
 
 
-def test_an_extrinsic_of_the_wrong_direction_is_told(evaluate, own_drive):
-    path = own_drive.date / "calib_velo_to_cam.txt"
-    rows = dict(line.split(":", 1) for line in path.read_text().splitlines())
-    R = np.array(rows["R"].split(), float).reshape(3, 3)
-    t = np.array(rows["T"].split(), float)
-    path.write_text(f"R: {' '.join(map(str, R.T.ravel()))}\nT: {' '.join(map(str, -R.T @ t))}\n")
-    assert "inverse, T_lidar_camera" in refusal(evaluate("calibrate", *own_drive.options))
+def test_an_extrinsic_of_the_wrong_direction_is_told(evaluate, own_list):
+    set_quaternion(own_list, lambda x, y, z, w: (-x, -y, -z, w))
+    assert "inverse, T_lidar_camera" in refusal(evaluate("calibrate", *own_list.options))
 
 
-def test_images_and_clouds_that_do_not_pair_are_told(evaluate, own_list):
-    for path in list((own_list.folder / "clouds").iterdir()):
-        path.rename(path.with_name("other" + path.name))
-    line = refusal(evaluate("calibrate", *own_list.options))
-    assert "images" in line and "clouds" in line
+def test_what_contradicts_the_depth_is_told_and_evaluated_all_the_same(evaluate, own_list):
+    def told():
+        ended = evaluate("curve", *own_list.options, "--points", 3, "--dof", 3)
+        assert ended.exit == DONE, ended.err
+        return ended.err
+
+    assert not told()
+    own_list.options[-1] = "disparity"
+    assert "rank correlation -0" in told() and "--depth-kind" in told()
+    own_list.options[-1] = "range"
+    set_quaternion(own_list, lambda x, y, z, w: (w, x, y, z))
+    assert "order w, x, y, z" in told()
+    set_quaternion(own_list, lambda w, x, y, z: (x, y, z, w))
+    clouds = sorted((own_list.folder / "clouds").iterdir())
+    contents = [path.read_bytes() for path in clouds]
+    for path, other in zip(clouds, contents[2:] + contents[:2]):
+        path.write_bytes(other)
+    assert "images and clouds belong together?" in told()
+
+
+def test_frames_that_lack_something_are_told(evaluate, own_list):
+    clouds, images = (sorted((own_list.folder / name).iterdir()) for name in ("clouds", "images"))
+    clouds[0].unlink()
+    ended = evaluate("curve", *own_list.options, "--points", 3, "--dof", 3)
+    assert ended.exit == DONE and ended.err == f"calib-eval: 1 of 4 frames are left out: no cloud for {clouds[0].stem}\n"
+    images[3].unlink()
+    assert refusal(evaluate("curve", *own_list.options)).endswith(
+        f"2 of 4 frames can be used, and 3 are needed: no cloud for {clouds[0].stem}, no image for {images[3].stem}")
 
 
 def test_an_empty_cloud_is_told(evaluate, own_list):
@@ -289,7 +294,8 @@ def test_an_empty_cloud_is_told(evaluate, own_list):
     assert cloud.name in refusal(evaluate("calibrate", *own_list.options))
 
 
-def test_no_recording_at_all_is_told(evaluate, tmp_path):
+def test_what_is_not_there_is_told(evaluate, fisheye, tmp_path):
+    assert "right images" in refusal(evaluate("calibrate", *fisheye[:4], "--depth", "stereo"))
     refusal(evaluate("surface", "--dataset", "list", "--root", tmp_path / "none.yaml", "--depth", "stereo", "--json",
                      tmp_path / "s.json"))
     assert not (tmp_path / "s.json").exists()
@@ -306,10 +312,6 @@ def test_a_frame_without_depth_is_left_out_and_too_few_are_too_few(evaluate, own
     assert "2 of 4 frames can be used" in refusal(evaluate("calibrate", *own_list.options))
 
 
-def test_stereo_depth_without_right_images_is_told(evaluate, fisheye):
-    assert "right images" in refusal(evaluate("calibrate", *fisheye[:4], "--depth", "stereo"))
-
-
 @pytest.fixture(scope="module")
 def networks(bin_dir):
     """Small networks that take brightness for nearness, and broken ones: see support/make_depth_models.py."""
@@ -321,8 +323,9 @@ def test_depth_from_a_network_is_the_same_with_any_number_of_threads(evaluate, s
     for threads in (1, 2):
         ended = evaluate("curve", *stereo[:4], "--depth", f"onnx:{networks / 'depth_anything.yaml'}", "--points", 3, "--dof", 3,
                          "--frames", 3, "--threads", threads, "--json", tmp_path / "c.json")
-        assert ended.exit == DONE and not ended.err, ended.err
+        assert ended.exit == DONE and "depth does not grow with the LiDAR's range" in ended.err, "brightness is no depth"
         result = json.loads((tmp_path / "c.json").read_text())
+        assert abs(result["recording"]["depth_agreement"]["rank_correlation"]) < 0.5
         assert result["recording"]["depth"]["source"].startswith("onnx:") and len(result["recording"]["frames"]) == 3
         scores.append([curve["score"] for curve in result["curves"]])
     assert scores[0] == scores[1]
@@ -344,36 +347,34 @@ def test_a_wrong_network_is_told(evaluate, fisheye, networks, tmp_path):
 
 
 def test_a_result_that_cannot_be_written_is_told(evaluate, fisheye, tmp_path):
-    ended = evaluate("curve", *fisheye, "--points", 3, "--json", tmp_path / "missing" / "c.json")
-    assert "cannot be written" in refusal(ended)
+    assert "cannot be written" in refusal(evaluate("curve", *fisheye, "--json", tmp_path / "missing" / "c.json"))
     ended = evaluate("calibrate", *fisheye, "--starts", 1, "--json", tmp_path / "missing" / "c.json")
     assert "cannot be written" in refusal(ended) and ended.out == "", "before any search"
+    (tmp_path / "file").touch()
+    ended = evaluate("calibrate", *fisheye, "--json", tmp_path / "c.json", "--figures", tmp_path / "file" / "shots")
+    assert f"{tmp_path}/file/shots: Not a directory" in refusal(ended) and ended.out == "", "before any search"
+
+
+STEREO = "--dataset list --root x --depth stereo "
 
 
 @pytest.mark.parametrize("arguments, told", [
-    ([], "subcommand"),
-    (["calibrate"], "--dataset"),
-    (["calibrate", "--dataset", "kitti-raw", "--root", "x"], "--depth"),
-    (["calibrate", "--dataset", "waymo", "--root", "x", "--depth", "stereo"], "kitti-360"),
-    (["calibrate", "--dataset", "list", "--root", "x", "--depth", "guess"], "stereo"),
-    (["calibrate", "--dataset", "list", "--root", "x", "--depth-dir", "x"], "--depth-kind"),
-    (["calibrate", "--dataset", "list", "--root", "x", "--depth-dir", "x", "--depth-kind", "colour"], "colour"),
-    (["calibrate", "--dataset", "list", "--root", "x", "--depth", "stereo", "--depth-scale", "2"], "--depth-dir"),
-    (["calibrate", "--dataset", "list", "--root", "x", "--depth", "stereo", "--camera", "image_02"], "--camera"),
-    (["calibrate", "--dataset", "kitti-360", "--root", "x", "--depth", "stereo"], "--drive"),
-    (["calibrate", "--dataset", "list", "--root", "x", "--depth", "stereo", "--objective", "d2d,best"], "i2i_nmi"),
-    (["calibrate", "--dataset", "list", "--root", "x", "--depth", "stereo", "--rotation-deg", "120"], "120"),
-    (["calibrate", "--dataset", "list", "--root", "x", "--depth", "stereo", "--rotation-deg", "many"], "many"),
-    (["calibrate", "--dataset", "list", "--root", "x", "--depth", "stereo", "--translation-cm", "25"], "--dof 6"),
-    (["calibrate", "--dataset", "list", "--root", "x", "--depth", "stereo", "--dof", "4"], "4"),
-    (["calibrate", "--dataset", "list", "--root", "x", "--depth", "stereo", "--frames", "2"], "2"),
-    (["calibrate", "--dataset", "list", "--root", "x", "--depth", "stereo", "--figures", "f"], "--json"),
-    (["surface", "--dataset", "list", "--root", "x", "--depth", "stereo"], "--json"),
-    (["surface", "--dataset", "list", "--root", "x", "--depth", "stereo", "--json", "j", "--axes", "up:down"], "up:down"),
-    (["plot", "none.json"], "none.json"),
-])
+    ("", "subcommand"), ("plot none.json", "none.json"), ("calibrate", "--dataset"), ("surface " + STEREO, "--json"),
+    *((f"calibrate --root x --dataset {options}", told) for options, told in [
+        ("kitti-raw", "--depth"), ("waymo --depth stereo", "kitti-360"), ("list --depth guess", "stereo"),
+        ("kitti-360 --depth stereo", "--drive"), ("list --depth-dir x", "--depth-kind"),
+        ("list --depth-dir x --depth-kind colour", "colour")]),
+    *((f"calibrate {STEREO}{options}", told) for options, told in [
+        ("--depth-scale 2", "--depth-dir"), ("--camera image_02", "--camera"), ("--objective d2d,best", "i2i_nmi"),
+        ("--rotation-deg 120", "120"), ("--rotation-deg many", "many"), ("--rotation-deg 1,,2", "a comma too many"),
+        ("--translation-cm 25", "--dof 6"), ("--dof 6 --translation-cm nan", "nan"), ("--dof 4", "4"), ("--frames 2", "2"),
+        ("--figures f", "--json"), ("--depth-bias nan", "--depth-bias: nan is not a number from 0 to 0.99"), ("--seed -1", "-1"),
+        ("--starts 1e3", "whole number")]),
+    *((f"curve {STEREO}{options}", told) for options, told in [
+        ("--range-deg nan", "nan"), ("--range-cm inf", "inf"), ("--points 40", "odd number")]),
+    (f"surface {STEREO}--json j --axes up:down", "up:down")])
 def test_nonsense_is_a_usage_error_that_names_it(evaluate, arguments, told):
-    ended = evaluate(*arguments)
+    ended = evaluate(*arguments.split())
     assert ended.exit == USAGE and told in ended.err and ended.out == ""
 
 

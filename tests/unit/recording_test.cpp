@@ -1,5 +1,6 @@
 #include "dataset/recording.hpp"
 
+#include <cstdlib>
 #include <cstring>
 #include <fstream>
 #include <iomanip>
@@ -245,6 +246,22 @@ TEST_CASE("a list that is wrong says where and what") {
   CHECK(mentions(is_folder, "is a folder"));
   write_file(folder.path() / "recording.yaml", head);
   CHECK(mentions(open_list(folder.path()).error(), (folder.path() / "recording.yaml").c_str()));
+}
+
+TEST_CASE("the example of a list is one, whose camera looks ahead and stands upright") {
+  const char* const source = std::getenv("CALIBD_SOURCE_DIR");
+  REQUIRE(source != nullptr);
+  std::ostringstream readme;
+  readme << std::ifstream(fs::path(source) / "tools/dataset/README.md").rdbuf();
+  const std::string text = readme.str(), fence = "```";
+  const std::size_t begin = text.find(fence + "yaml\n") + 8;
+  const test::TemporaryFolder folder;
+  write_file(folder.path() / "list.yaml", text.substr(begin, text.find(fence, begin) - begin));
+  write_frame(folder.path() / "images/0.png", folder.path() / "clouds/0.bin", 1);
+  const auto recording = test::require_ok(open_list(folder.path() / "list.yaml"));
+  const Eigen::Matrix3d R = recording.T_camera_lidar().linear();
+  CHECK((R * Eigen::Vector3d::UnitX()).isApprox(Eigen::Vector3d::UnitZ(), 0.1));
+  CHECK((R * Eigen::Vector3d::UnitZ()).isApprox(-Eigen::Vector3d::UnitY(), 0.1));
 }
 
 TEST_CASE("a written list reads back as it was") {

@@ -212,8 +212,8 @@ void remark_on_agreement(const FootageOptions& options, Footage& footage) {
   if (!agreement.grows_with_range())
     footage.remarks.push_back("at the recording's own extrinsic the depth does not grow with the LiDAR's range " +
                               std::string(numbers) + ": " +
-                              (options.depth_dir.empty() ? "" : "is --depth-kind right, ") +
-                              "is the extrinsic, and do images, depth and clouds belong together?");
+                              (options.depth_dir.empty() ? "is the extrinsic" : "are --depth-kind and the extrinsic") +
+                              " right, and do images, depth and clouds belong together?");
   else if (!agreement.clouds_belong())
     footage.remarks.push_back(
         "the depth of " + std::to_string(agreement.frames - agreement.own_cloud_better) + " of " +

@@ -41,22 +41,24 @@ def cell_title(cell):
 
 
 class Canvas:
-    """A folder for pictures, which says which ones were drawn."""
+    """A folder for pictures, which says which ones were drawn, and knows what was missing for others."""
 
     def __init__(self, folder):
-        self.folder = folder
-        folder.mkdir(parents=True, exist_ok=True)
+        self.folder, self.drawn, self.missing = folder, 0, []
 
     def save(self, figure, name):
+        self.folder.mkdir(parents=True, exist_ok=True)
         path = self.folder / f"{name}.png"
         figure.savefig(path, dpi=120)
         plt.close(figure)
+        self.drawn += 1
         print(path)
 
 
 def legend_below(figure, entries):
     """Under all panels, in room of its own. (Debian 12's matplotlib knows no "outside" yet.)"""
-    figure.get_layout_engine().set(rect=(0, 0.05, 1, 0.95))
+    room = 0.4 / figure.get_size_inches()[1]
+    figure.get_layout_engine().set(rect=(0, room, 1, 1 - room))
     figure.legend(handles=entries, loc="lower center", ncols=len(entries), frameon=False)
 
 
@@ -152,7 +154,7 @@ def overlays(canvas, figure_json, cell, base):
         try:
             pictures.append((VIEW_TITLES[view["view"]], plt.imread(base / view["overlay"])))
         except (OSError, SyntaxError):
-            print(f"calib-eval: {base / view['overlay']} cannot be read, so it is not drawn", file=sys.stderr)
+            canvas.missing.append(base / view["overlay"])
     if not pictures:
         return
     height, width = pictures[0][1].shape[:2]
@@ -270,7 +272,7 @@ def timelines(canvas, entries):
         panel.set(xlim=(max(pairs[0], -shown_before) - 0.5, pairs[-1] + 0.5), ylim=(0, 1.3), title=movement(entry),
                   xlabel="pairs since the LiDAR has moved")
     for row in panels:
-        row[0].set_ylabel("evidence / limit")
+        row[0].set_ylabel("evidence / limit (never above 1.2)")
     figure.suptitle("Verdict and evidence, one sequence each")
     legend_below(figure, [Line2D([], [], color=LINES[0], lw=2, label="the axis itself"),
                           Line2D([], [], color=STARTS, lw=0.9, label="the others"),
@@ -291,8 +293,7 @@ def groups(entries):
 def delays(canvas, entries, limit):
     """Median and 5 to 95 % of the delay, both sides together; a triangle where more than these 5 % are never found."""
     units = groups(entries)
-    figure, panels = plt.subplots(1, len(units), figsize=(5.6 * len(units) + 0.6, 4.4), layout="constrained", squeeze=False,
-                                  sharey=True)
+    figure, panels = plt.subplots(1, len(units), figsize=(6 * len(units), 4.4), layout="constrained", squeeze=False, sharey=True)
     for panel, (unit, axes) in zip(panels[0], units.items()):
         places = sorted({magnitude for magnitudes in axes.values() for magnitude in magnitudes})
         for k, (axis, magnitudes) in enumerate(axes.items()):
@@ -314,7 +315,7 @@ def delays(canvas, entries, limit):
         panel.legend(handles=[Line2D([], [], color=LINES[k % len(LINES)], marker="o", lw=2, label=axis)
                               for k, axis in enumerate(axes)], frameon=False, loc="lower right")
     panels[0, 0].set_ylabel("pairs until drifted")
-    figure.suptitle("Delay: median, 5 to 95 % of the sequences (triangle: more than 5 % are not found)")
+    figure.suptitle("Delay: median, 5 to 95 % of the sequences\n(triangle: more than 5 % are not found)")
     canvas.save(figure, "delays")
 
 
@@ -340,9 +341,10 @@ def operating_curve(canvas, points):
     for x, point in zip(allowed, points):
         rate, upper = (point["null"][key] for key in ("rate_per_1000_vehicle_weeks", "upper95"))
         if upper is not None:
-            first.plot([x, x], [rate or upper / 10, upper], color=LINES[0], lw=2)
+            first.plot([x, x], [rate or upper, upper], color=LINES[0], lw=2)
             first.plot(x, rate or upper, "o" if rate else "v", color=LINES[0], ms=7)
-    first.set(xscale="log", yscale="log", title="measured; up to the bound at 95 %", ylabel="false alarms")
+    first.set(xscale="log", yscale="log", ylabel="false alarms in 1000 vehicle-weeks")
+    first.set_title("measured, and up to its bound at 95 %\n(triangle: none seen, the bound alone)", fontsize=10)
     highest = max((delay for curve in curves.values() for medians in curve.values() for delay in medians if delay == delay),
                   default=1)
     for panel, ((unit, magnitude), axes) in zip(panels.flat[1:], curves.items()):
@@ -374,16 +376,23 @@ def main():
     parser.add_argument("--out", type=pathlib.Path, required=True, help="folder for the pictures")
     parser.add_argument("result", type=pathlib.Path)
     arguments = parser.parse_args()
+    canvas = Canvas(arguments.out)
     draw = {"calibrate": draw_calibrate, "curve": draw_curve, "surface": draw_surface, "drift": draw_drift}
     try:
         result = json.loads(arguments.result.read_text())
         if result["schema"] != 1:
             sys.exit(f"calib-eval: {arguments.result} has schema {result['schema']}, and this program draws schema 1")
-        draw[result["kind"]](Canvas(arguments.out), result, arguments.result.resolve().parent)
+        if not result.get("complete", True):
+            print(f"calib-eval: {arguments.result} is not complete: what wrote it goes on, or was stopped", file=sys.stderr)
+        draw[result["kind"]](canvas, result, arguments.result.resolve().parent)
     except OSError as error:
-        sys.exit(f"calib-eval: {error}")
+        sys.exit(f"calib-eval: {error.filename}: {error.strerror}")
     except (ValueError, KeyError, TypeError) as error:
         sys.exit(f"calib-eval: {arguments.result} is not a result of calib-eval ({type(error).__name__}: {error})")
+    if canvas.missing:
+        sys.exit(f"calib-eval: {len(canvas.missing)} overlays cannot be read and are not drawn, the first: {canvas.missing[0]}")
+    if not canvas.drawn:
+        sys.exit(f"calib-eval: {arguments.result} holds nothing to draw")
 
 
 if __name__ == "__main__":
