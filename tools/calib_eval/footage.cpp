@@ -225,10 +225,11 @@ void remark_on_agreement(const FootageOptions& options, Footage& footage) {
 /// What there is too little of, and why.
 std::string too_few(const Footage& footage, std::size_t tried, const Source& source) {
   const bool all = tried == source.names.size();
+  const std::size_t told = source.lacks.empty() ? 0 : 1;  // what frames lack is one sentence of those
   return std::to_string(footage.frames.size()) + " of " + std::to_string(tried + (all ? source.lacks.size() : 0)) +
          " frames can be used, and " + std::to_string(Footage::fewest_frames) + " are needed" +
          (all && !source.lacks.empty() ? ": " + abridged(source.lacks) : "") +
-         (footage.left_out.size() > !source.lacks.empty() ? "; " + footage.left_out.back() : "");
+         (footage.left_out.size() > told ? "; " + footage.left_out[told] : "");
 }
 
 }  // namespace
