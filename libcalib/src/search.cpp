@@ -31,21 +31,22 @@ Result<Optimum> finish_six(SearchSteps& steps, const RigidTransform& T_near) {
   const Objective by_rotation = final_objective(Method::standard, {true, true, true, false, false, false});
   const Objective hill = objective_of({{.ranks_per_class = 8}});
   const Matrix6 directions = steps.hill_directions(T_near, objective_of({{.ranks_per_class = 8}}, 2));
-  const auto T_hill = steps.climb_along(T_near, directions, hill, 1);
+  // Widely at first: a flat valley is full of small hills.
+  const auto T_hill = steps.climb_along(T_near, directions, hill, {.radius = 4, .to_the_top = false});
   if (!T_hill) return tl::unexpected(T_hill.error());
-  const auto found = steps.climb_along(*T_hill, directions, whole, 3);
+  const auto found = steps.climb_along(*T_hill, directions, whole, {});
   if (!found) return tl::unexpected(found.error());
   const auto turned = [&](const Eigen::VectorXd& x) {
     Vector6 delta = Vector6::Zero();
     delta.head<3>() = same_rotation_rad * x;
     return RigidTransform(*found * perturbation(delta));
   };
-  const auto by_tiles = steps.climb(3, turned, by_rotation, 2);
+  const auto by_tiles = steps.climb(3, turned, by_rotation, {.batches = 2});
   if (!by_tiles) return tl::unexpected(by_tiles.error());
   if (rotation_angle_rad(found->inverse() * *by_tiles) < same_rotation_rad) return Optimum{*found, whole};
   Objective distrustful = whole;
   distrustful.terms[0].weight = 0.1;
-  const auto again = steps.climb_along(*by_tiles, directions, distrustful, 3);
+  const auto again = steps.climb_along(*by_tiles, directions, distrustful, {});
   if (!again) return tl::unexpected(again.error());
   return Optimum{*again, distrustful, true};
 }

@@ -220,13 +220,14 @@ Matrix6 SearchSteps::hill_directions(const RigidTransform& T, const Objective& o
   return hill.eigenvectors() * length.asDiagonal();
 }
 
-Result<RigidTransform> SearchSteps::climb(int parameters, const Place& place, const Objective& objective, int batches) {
+Result<RigidTransform> SearchSteps::climb(int parameters, const Place& place, const Objective& objective,
+                                          const Climb& how) {
   constexpr double least_radius = 0.3, longest_step = 2;  // the latter in radii
   QuadraticHill hill(parameters);
   Eigen::VectorXd centre = Eigen::VectorXd::Zero(parameters);
-  double radius = 1;
+  double radius = how.radius;
   bool in_reach = false;
-  for (int batch = 0; batch < batches || (!in_reach && batch == batches); ++batch) {
+  for (int batch = 0; batch < how.batches || (!in_reach && batch == how.batches); ++batch) {
     const Eigen::MatrixXd axes = radius * turned_axes(parameters, batch);
     std::vector<Eigen::VectorXd> at{centre};
     for (int i = 0; i < parameters; ++i) {
@@ -247,8 +248,8 @@ Result<RigidTransform> SearchSteps::climb(int parameters, const Place& place, co
     if (in_reach) radius = std::max(least_radius, radius / 1.5);
   }
   if (value(place(centre), objective) < hill.best().value) centre = hill.best().at;
-  if (!in_reach) return follow_valley(place, centre, objective);
-  exhausted_ = false;
+  if (!in_reach && how.to_the_top) return follow_valley(place, centre, objective);
+  exhausted_ = !in_reach;
   return place(centre);
 }
 
@@ -280,9 +281,9 @@ Result<RigidTransform> SearchSteps::follow_valley(const Place& place, Eigen::Vec
 }
 
 Result<RigidTransform> SearchSteps::climb_along(const RigidTransform& T_base, const Matrix6& directions,
-                                                const Objective& objective, int batches) {
+                                                const Objective& objective, const Climb& how) {
   return climb(
-      6, [&](const Eigen::VectorXd& x) { return moved(T_base, directions * x); }, objective, batches);
+      6, [&](const Eigen::VectorXd& x) { return moved(T_base, directions * x); }, objective, how);
 }
 
 }  // namespace calib

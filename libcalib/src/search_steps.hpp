@@ -89,15 +89,20 @@ class SearchSteps {
   /// a valley they are long, across it short. From second differences.
   [[nodiscard]] Matrix6 hill_directions(const RigidTransform& T, const Objective& objective);
   using Place = std::function<RigidTransform(const Eigen::VectorXd&)>;
+  struct Climb {
+    double radius = 1;       // of the first batch
+    int batches = 3;         // and one more when the top is not within reach by then
+    bool to_the_top = true;  // BOBYQA goes on when it still is not
+  };
   /// Maximises over parameters of which one unit loses about as much of the score as another, from zero: by quadratics
   /// through batches of samples, each about the top of the one before. Near the hill this takes fewer evaluations than
-  /// BOBYQA and ends nearer to its top, because it looks through the small hills on it. When the top is not within
-  /// reach after so many batches and one more, BOBYQA goes on. Returns the best extrinsic seen.
+  /// BOBYQA and ends nearer to its top, because it looks through the small hills on it. Returns the best extrinsic
+  /// seen.
   [[nodiscard]] Result<RigidTransform> climb(int parameters, const Place& place, const Objective& objective,
-                                             int batches);
+                                             const Climb& how);
   /// All six, along `directions`.
   [[nodiscard]] Result<RigidTransform> climb_along(const RigidTransform& T_base, const Matrix6& directions,
-                                                   const Objective& objective, int batches);
+                                                   const Objective& objective, const Climb& how);
 
   /// 3 when rotation alone is sought, 6 for everything, 0 for any other choice of axes.
   [[nodiscard]] int parameters() const;
