@@ -26,12 +26,13 @@ cv::Mat points_on_image(const FramePair& pair, const Camera& camera, const Rigid
   // One dot in each cell, so that the image is seen between them, however dense the scan is.
   constexpr int cell = 4;
   cv::Mat_<std::uint8_t> taken(picture.rows / cell + 1, picture.cols / cell + 1, std::uint8_t{0});
+  const cv::Rect inside({0, 0}, picture.size());  // the image may be smaller than its camera should be
   for (const LidarPoint& point : pair.scan.points) {
     const Eigen::Vector3d p_lidar(point.x_m, point.y_m, point.z_m);
     const auto uv = camera.project(T_camera_lidar * p_lidar);
     if (!uv) continue;
     const cv::Point pixel(cvRound(uv->x()), cvRound(uv->y()));
-    if (std::exchange(taken(pixel / cell), 1)) continue;
+    if (!inside.contains(pixel) || std::exchange(taken(pixel / cell), 1)) continue;
     const int shade = static_cast<int>(250 * std::exp(-p_lidar.norm() / 25));
     cv::circle(picture, pixel, 1, colours.at<cv::Vec3b>(shade), cv::FILLED);
   }

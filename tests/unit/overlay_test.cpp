@@ -33,6 +33,18 @@ TEST_CASE("near points are red and far ones blue, where they land") {
   CHECK(picture.at<cv::Vec3b>(2, 2) == cv::Vec3b(100, 100, 100));
 }
 
+TEST_CASE("an image that is smaller than its camera's gets the dots that it has room for") {
+  const test::TemporaryFolder folder;
+  Shot shot;
+  shot.pair.image = {{}, 16, 12, std::vector<std::uint8_t>(16 * 12, 100)};
+  shot.pair.scan.points.push_back({-0.9F, -0.7F, 1.8F, 0});  // lands at 7, 5
+  const auto file = folder.path() / "overlay.png";
+  require_ok(write_overlay(file, shot.pair, shot.camera, RigidTransform::Identity()));
+  const cv::Mat picture = cv::imread(file.string());
+  REQUIRE(picture.size() == cv::Size(16, 12));
+  CHECK(warm(picture.at<cv::Vec3b>(5, 7)));
+}
+
 TEST_CASE("the image is seen between the dots of a dense scan") {
   const test::TemporaryFolder folder;
   Shot shot;
