@@ -195,7 +195,7 @@ Finding judge_depth(const PairSeen& seen) {
 /// What the depth of `seen` is, where it is certain that it is not what it should be.
 Finding judge_agreement(const PairSeen& seen, const std::vector<Finding>& findings) {
   if (!seen.extrinsic || !seen.depth) return not_checked("agreement", "there is no depth to compare the cloud with");
-  if (has_problem(findings, {"depth", "extrinsic", "image_size", "cloud_range"}))
+  if (has_problem(findings, {"lens", "depth", "extrinsic", "image_size", "cloud_range"}))
     return not_checked("agreement", "something else is to be put right first");
   if (!seen.extrinsic->agreement) return not_checked("agreement", "hardly a point of the cloud lands on depth");
   const DepthAgreement& agreement = *seen.extrinsic->agreement;
