@@ -104,7 +104,7 @@ Gain gain(Frames frames, const RigidTransform& before, const RigidTransform& aft
 Objection hardly_observable(const Candidate& candidate) {
   const auto moved = axes_where(candidate.released);
   const auto rotations = std::ranges::count_if(moved, [](int axis) { return axis < 3; });
-  if (rotations >= 2 && moved.size() >= axes_where(candidate.left).size()) return {};
+  if (rotations >= 2 && moved.size() > axes_where(candidate.left).size()) return {};
   return "hardly observable: the frames tell of " + std::to_string(moved.size()) + " axes only";
 }
 
