@@ -63,8 +63,8 @@ struct Recalibration {
 /// Searches over `fit` (search.hpp, the default method) for the rotation alone and for all six parameters. `held_back`
 /// frames take no part in that and decide whether translation is moved at all. Axes of which the frames tell nothing
 /// are left as they are. What is found is accepted when all of these gates let it pass, in this order:
-/// - two rotations at least and more than half of the axes to be moved are observable: few would take upon themselves what is
-///   wrong with the others;
+/// - two rotations at least and more than half of the axes to be moved are observable: few would take upon themselves
+///   what is wrong with the others;
 /// - it is inside the bounds, and larger than the least change;
 /// - it is better than the start on the pairs held back;
 /// - it does not contradict `expected`;
