@@ -47,6 +47,12 @@ std::filesystem::path path_or(const ConfigNode& top, std::string_view key,
   return *fallback;
 }
 
+/// `/var/lib/calibd` or `/var/lib/calibd/` with `-head`: `/var/lib/calibd-head`.
+std::filesystem::path beside(std::filesystem::path folder, std::string_view ending) {
+  if (!folder.has_filename()) folder = folder.parent_path();
+  return folder += ending;
+}
+
 DdsConfig read_dds(const ConfigNode& node) {
   node.with_keys({"domain", "interface"});
   DdsConfig dds;
@@ -245,6 +251,17 @@ RecalibrationConfig read_recalibration(const ConfigNode& node) {
   return recalibration;
 }
 
+/// Not the extrinsic, to which records bind the evidence, and not what is only done with it.
+std::string evidence_text(const ConfigNode& pair) {
+  std::string text;
+  for (const char* key : {"camera", "lidar", "depth", "motion"})
+    if (const auto node = pair.find(key)) text += std::string(key) + ':' + node->canonical() + '\n';
+  if (const auto recalibration = pair.find("recalibration"))  // points further away than its bounds are left out
+    for (const char* key : {"max_rotation_deg", "max_translation_cm"})
+      if (const auto node = recalibration->find(key)) text += std::string(key) + ':' + node->canonical() + '\n';
+  return text;
+}
+
 PairConfig read_pair(const ConfigNode& node) {
   node.with_keys({"name", "camera", "lidar", "T_camera_lidar", "depth", "motion", "drift", "recalibration"});
   PairConfig pair{.name = node.at("name").text(),
@@ -260,6 +277,7 @@ PairConfig read_pair(const ConfigNode& node) {
   if (const auto motion = node.find("motion")) pair.motion = read_motion(*motion);
   if (const auto drift = node.find("drift")) pair.drift = read_drift(*drift);
   if (const auto recalibration = node.find("recalibration")) pair.recalibration = read_recalibration(*recalibration);
+  pair.evidence_text = evidence_text(node);
   return pair;
 }
 
@@ -277,12 +295,15 @@ std::vector<PairConfig> read_pairs(const ConfigNode& node) {
 }
 
 Config read_config(const ConfigNode& top, const Places& places) {
-  top.with_keys({"vehicle", "state_dir", "runtime_dir", "dds", "signing_key", "sampling", "pairs"});
+  top.with_keys({"vehicle", "state_dir", "head_dir", "runtime_dir", "dds", "signing_key", "sampling", "pairs"});
   Config config;
   config.vehicle = top.at("vehicle").text();
   if (!is_name(config.vehicle, "ABCDEFGHIJKLMNOPQRSTUVWXYZ_-.:"))
     top.at("vehicle").refuse("a vehicle is named with 1 .. 64 letters, digits, _ - . and :");
   config.state_dir = path_or(top, "state_dir", places.state);
+  config.head_dir = path_or(top, "head_dir", places.head ? *places.head : beside(config.state_dir, "-head"));
+  if (config.head_dir.lexically_normal() == config.state_dir.lexically_normal())
+    top.at("head_dir").refuse("needs another folder than state_dir: who loses one shall not lose both");
   config.runtime_dir = path_or(top, "runtime_dir", places.runtime);
   std::optional<std::filesystem::path> credential;
   if (places.credentials) credential = *places.credentials / "signing.key";
@@ -290,6 +311,9 @@ Config read_config(const ConfigNode& top, const Places& places) {
   if (const auto dds = top.find("dds")) config.dds = read_dds(*dds);
   if (const auto sampling = top.find("sampling")) config.sampling = read_sampling(*sampling);
   config.pairs = read_pairs(top.at("pairs"));
+  for (PairConfig& pair : config.pairs)
+    pair.evidence_text += "vehicle:" + config.vehicle + "\ndomain:" + std::to_string(config.dds.domain) +
+                          "\nmax_time_difference_ns:" + std::to_string(config.sampling.max_time_difference.count()) + '\n';
   return config;
 }
 
@@ -299,6 +323,10 @@ double false_alarms_per_pair(const Config& config, const DriftConfig& drift) {
   const double samples_per_week =
       drift.driving_hours_per_week * 3600 / std::chrono::duration<double>(config.sampling.period).count();
   return drift.false_alerts_per_1000_vehicle_weeks / 1000 / samples_per_week / static_cast<double>(config.pairs.size());
+}
+
+std::chrono::nanoseconds evidence_lifetime(const SamplingConfig& sampling, std::chrono::nanoseconds cycle) {
+  return std::max<std::chrono::nanoseconds>(2 * std::max(sampling.period, cycle) + sampling.window, 5s);
 }
 
 Result<Config> parse_config(std::string_view yaml, const std::filesystem::path& file, const Places& places) {

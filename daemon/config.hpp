@@ -105,11 +105,15 @@ struct PairConfig {
   std::optional<MotionConfig> motion = {};
   DriftConfig drift;
   RecalibrationConfig recalibration;
+  /// All of the configuration that evidence depends on, in one text: vehicle, network, sensors, lens, depth source.
+  std::string evidence_text = {};
 };
 
 struct Config {
   std::string vehicle;
   std::filesystem::path state_dir;
+  /// Where the head of the chain of records is remembered, away from the records.
+  std::filesystem::path head_dir;
   std::filesystem::path runtime_dir;
   DdsConfig dds;
   std::filesystem::path signing_key;
@@ -123,10 +127,14 @@ struct Config {
 /// has a sample every period of the hours driven, shared among the vehicle's pairs.
 [[nodiscard]] double false_alarms_per_pair(const Config& config, const DriftConfig& drift);
 
+/// How long evidence carries a verdict: until the second window after it has closed, at least five seconds. `cycle` is
+/// the time that a round of all pairs really takes, which may be longer than the period.
+[[nodiscard]] std::chrono::nanoseconds evidence_lifetime(const SamplingConfig& sampling, std::chrono::nanoseconds cycle);
+
 /// Where the service manager put things ($STATE_DIRECTORY, $RUNTIME_DIRECTORY, $CREDENTIALS_DIRECTORY):
 /// defaults for the keys that the file does not give.
 struct Places {
-  std::optional<std::filesystem::path> state, runtime, credentials;
+  std::optional<std::filesystem::path> state, runtime, credentials, head;
 };
 
 /// Fails with `bad_config` and one line `FILE:LINE: pairs[0].camera.size: what is wrong; what to write`, for

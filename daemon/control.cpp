@@ -126,6 +126,7 @@ void ControlSocket::accept_connection() {
 
 void ControlSocket::drop(std::uint64_t id) {
   const auto found = connections_.find(id);
+  *found->second.left = true;
   close(found->second.fd);
   connections_.erase(found);
 }
@@ -159,7 +160,7 @@ bool ControlSocket::read_request(std::uint64_t id, Connection& connection, const
       !request["request"].is_string())
     answer(refusal("bad_request", R"(a request is a JSON object with "schema": 1 and "request")"));
   else
-    ask({std::move(request), connection.peer, answer});
+    ask({std::move(request), connection.peer, answer, connection.left});
   return true;
 }
 

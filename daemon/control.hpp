@@ -2,6 +2,7 @@
 
 #include <sys/types.h>
 
+#include <atomic>
 #include <chrono>
 #include <filesystem>
 #include <functional>
@@ -31,6 +32,8 @@ struct Question {
   nlohmann::json request;
   Peer peer;
   std::function<void(nlohmann::json)> answer;
+  /// Set once nobody waits for the answer any more.
+  std::shared_ptr<const std::atomic<bool>> asker_left = std::make_shared<const std::atomic<bool>>(false);
 };
 
 /// The control socket (proto/control.md): one JSON line in, one JSON line out, on a UNIX stream socket. One thread runs
@@ -53,6 +56,7 @@ class ControlSocket {
     std::string received;
     std::string to_send;
     bool asked = false;
+    std::shared_ptr<std::atomic<bool>> left = std::make_shared<std::atomic<bool>>(false);
     std::chrono::steady_clock::time_point deadline;
   };
   /// Answers given by other threads, until the serving thread sends them.

@@ -1,12 +1,20 @@
 #include "ledger.hpp"
 
 #include <algorithm>
+#include <array>
+#include <cstdlib>
+#include <iterator>
 #include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "calib/json_integer.hpp"
 
 namespace calib {
 namespace {
 
 using nlohmann::json;
+
+constexpr std::string_view state_purpose = "calibd pair state";
 
 /// The form of proto/alert.schema.json.
 std::string alert_text(const DriftAlert& alert) {
@@ -36,11 +44,13 @@ Vector6 six(const json& first, const json& last) {
   return values;
 }
 
+}  // namespace
+
 Result<DriftAlert> parse_alert(std::string_view text) {
   try {
     const json in = json::parse(text);
     DriftAlert alert;
-    alert.alert_sequence = in.at("alert_sequence").get<std::uint64_t>();
+    alert.alert_sequence = integer_from<std::uint64_t>(in.at("alert_sequence"));
     alert.stamp = parse_rfc3339(in.at("stamp").get<std::string>()).value();
     alert.vehicle = in.at("vehicle").get<std::string>();
     alert.pair = in.at("pair").get<std::string>();
@@ -49,41 +59,86 @@ Result<DriftAlert> parse_alert(std::string_view text) {
     alert.reason = in.at("reason").get<std::string>();
     alert.misalignment.delta = six(in.at("rotation_rad"), in.at("translation_m"));
     alert.misalignment.sigma = six(in.at("sigma_rotation_rad"), in.at("sigma_translation_m"));
-    alert.record_sequence = in.at("record_sequence").get<std::uint64_t>();
+    alert.record_sequence = integer_from<std::uint64_t>(in.at("record_sequence"));
     return alert;
   } catch (const std::exception& exception) {
     return fail("malformed_alert", std::string("a kept alert cannot be read: ") + exception.what());
   }
 }
 
-}  // namespace
-
 bool same(const RigidTransform& a, const RigidTransform& b) {
   const RigidTransform difference = a.inverse() * b;
   return rotation_angle_rad(difference) < 1e-9 && difference.translation().norm() < 1e-9;
 }
 
-Ledger::Ledger(Store store, SigningKey key, Provenance provenance)
-    : store_(std::move(store)), key_(std::move(key)), provenance_(std::move(provenance)) {}
+Ledger::Ledger(Store store, std::filesystem::path head_dir, SigningKey key, Provenance provenance)
+    : store_(std::move(store)),
+      head_dir_(std::move(head_dir)),
+      key_(std::move(key)),
+      provenance_(std::move(provenance)) {}
 
-Result<Ledger> Ledger::open(const std::filesystem::path& state_dir, SigningKey key, Provenance provenance) {
+Result<Ledger> Ledger::open(const std::filesystem::path& state_dir, const std::filesystem::path& head_dir,
+                            SigningKey key, Provenance provenance) {
   auto store = Store::open(state_dir / "calibd.db", Store::Mode::read_write);
   if (!store) return tl::unexpected(store.error());
-  Ledger ledger(std::move(*store), std::move(key), std::move(provenance));
+  Ledger ledger(std::move(*store), head_dir, std::move(key), std::move(provenance));
   auto history = verified_history(ledger.store_, ledger.key_.public_key());
   if (!history) return tl::unexpected(history.error());
-  if (!history->empty()) {
-    const std::uint64_t last = history->back().sequence;
-    const auto signed_record = ledger.store_.record(last);
-    if (!signed_record) return tl::unexpected(signed_record.error());
-    ledger.last_sequence_ = last;
-    ledger.last_sha256_ = sha256_hex(signed_record->canonical);
+  for (CalibrationRecord& record : *history) {
+    if (record.vehicle != ledger.provenance_.vehicle)
+      return fail("other_vehicle", "the records in " + state_dir.string() + " are of vehicle '" + record.vehicle +
+                                       "', the configuration is of '" + ledger.provenance_.vehicle +
+                                       "'; correct `vehicle`, or move the folder away");
+    ledger.last_sequence_ = record.sequence;
+    ledger.index(std::move(record));
   }
-  for (CalibrationRecord& record : *history) ledger.index(std::move(record));
+  if (ledger.last_sequence_ > 0) {
+    auto sha256 = ledger.sha256_of(ledger.last_sequence_);
+    if (!sha256) return tl::unexpected(sha256.error());
+    ledger.last_sha256_ = std::move(*sha256);
+  }
+  if (auto compared = ledger.compare_with_head(); !compared) return tl::unexpected(compared.error());
   return ledger;
 }
 
+Result<std::string> Ledger::sha256_of(std::uint64_t sequence) const {
+  return store_.record(sequence).map([](const SignedRecord& record) { return sha256_hex(record.canonical); });
+}
+
+/// Notices records that were cut off, or a store that was put back. calibd goes on with what there is, and says so.
+Result<void> Ledger::compare_with_head() {
+  const auto remembered = read_chain_head(head_dir_, key_);
+  std::string missing;
+  if (!remembered) {
+    missing = "whether records are missing cannot be told: " + remembered.error().context;
+  } else if (*remembered) {
+    head_ = **remembered;
+    const auto sha256 = sha256_of(head_.sequence);
+    if (!sha256 && sha256.error().code != "record_not_found") return tl::unexpected(sha256.error());
+    if (head_.sequence > last_sequence_)
+      missing = "records " + std::to_string(last_sequence_ + 1) + " to " + std::to_string(head_.sequence) +
+                ", which calibd had written, are missing";
+    else if (head_.sequence > 0 && *sha256 != head_.sha256)
+      missing = "record " + std::to_string(head_.sequence) + " is another than the one that calibd had written";
+  } else if (last_sequence_ > 0) {
+    missing = "whether records are missing cannot be told: " + head_dir_.string() + " does not say how many there were";
+  }
+  if (!missing.empty()) head_.missing = missing;
+  records_missing_ = head_.missing;
+  write_head();
+  return {};
+}
+
+/// Not part of the records' transaction: it may lag behind them, and never runs ahead.
+void Ledger::write_head() {
+  head_.sequence = last_sequence_;
+  head_.sha256 = last_sha256_;
+  const auto written = write_chain_head(head_dir_, head_, key_);
+  head_failure_ = written ? std::nullopt : std::optional(written.error());
+}
+
 void Ledger::index(CalibrationRecord record) {
+  last_of_pair_[record.pair] = record.sequence;
   if (record.decision == Decision::initial) initial_.insert_or_assign(record.pair, record);
   if (record.decision == Decision::baseline) baselines_[record.pair].push_back(record);
   if (puts_in_force(record.decision)) extrinsics_[record.pair].push_back(std::move(record));
@@ -134,68 +189,106 @@ Result<CalibrationRecord> Ledger::find(std::string_view pair, std::uint64_t sequ
   return record;
 }
 
+/// Fills in what all records have in common, and signs. What is written is what is in force: `record` becomes, to the
+/// last bit, what it will be after a restart.
+Result<SignedRecord> Ledger::complete(CalibrationRecord& record, std::string_view pair, const Moment& now) const {
+  record.vehicle = provenance_.vehicle;
+  record.pair = pair;
+  record.sequence = last_sequence_ + 1;
+  record.previous_sha256 = last_sha256_;
+  record.configuration_sha256 = provenance_.configuration_sha256;
+  record.software_version = provenance_.software_version;
+  record.software_sha256 = provenance_.software_sha256;
+  record.boot_id = provenance_.boot_id;
+  record.wall_time = now.wall;
+  record.boot_time = now.since_boot;
+  if (head_.missing) record.reason += "; " + *head_.missing;
+  auto signed_record = sign_record(record, key_);
+  if (!signed_record) return signed_record;
+  auto as_written = parse_record(signed_record->canonical);
+  if (!as_written) return tl::unexpected(as_written.error());
+  record = std::move(*as_written);
+  return signed_record;
+}
+
+/// Bound to the pair and to the chain as it was: a state of another pair, of another chain, or of one that was longer is
+/// worth nothing.
+std::string Ledger::authenticated(std::string_view pair, std::uint64_t sequence, std::string_view sha256,
+                                  const PairState& state) const {
+  std::string text(pair);
+  text.append("\n").append(std::to_string(sequence)).append("\n").append(sha256).append("\n") += to_text(state);
+  return key_.mac(state_purpose, text) + '\n' + text;
+}
+
 Result<Ledger::Written> Ledger::write(std::string_view pair, const PairState& state, Entry entry, const Moment& now) {
   Written written{std::move(entry.record), std::move(entry.alert)};
-  std::string record_sha256;
+  std::uint64_t sequence = last_sequence_;
+  std::string sha256 = last_sha256_;
   const auto done = store_.in_transaction([&]() -> Result<void> {
     if (written.record) {
-      CalibrationRecord& record = *written.record;
-      record.vehicle = provenance_.vehicle;
-      record.pair = pair;
-      record.sequence = last_sequence_ + 1;
-      record.previous_sha256 = last_sha256_;
-      record.configuration_sha256 = provenance_.configuration_sha256;
-      record.software_version = provenance_.software_version;
-      record.software_sha256 = provenance_.software_sha256;
-      record.boot_id = provenance_.boot_id;
-      record.wall_time = now.wall;
-      record.boot_time = now.since_boot;
-      const auto signed_record = sign_record(record, key_);
+      const auto signed_record = complete(*written.record, pair, now);
       if (!signed_record) return tl::unexpected(signed_record.error());
-      record_sha256 = sha256_hex(signed_record->canonical);
-      // What is written is what is in force: to the last bit the same as after a restart.
-      auto as_written = parse_record(signed_record->canonical);
-      if (!as_written) return tl::unexpected(as_written.error());
-      record = std::move(*as_written);
-      if (auto appended = store_.append_record(record.sequence, pair, *signed_record); !appended) return appended;
+      sequence = written.record->sequence;
+      sha256 = sha256_hex(signed_record->canonical);
+      if (auto appended = store_.append_record(sequence, pair, *signed_record); !appended) return appended;
     }
     if (written.alert) {
-      const auto sequence = store_.next_alert_sequence();
-      if (!sequence) return tl::unexpected(sequence.error());
-      written.alert->alert_sequence = *sequence;
+      const auto next = store_.next_alert_sequence();
+      if (!next) return tl::unexpected(next.error());
+      written.alert->alert_sequence = *next;
       if (auto queued = store_.enqueue_alert(alert_text(*written.alert)); !queued)
         return tl::unexpected(queued.error());
     }
-    return store_.save_state(pair, to_text(state));
+    return store_.save_state(pair, authenticated(pair, sequence, sha256, state));
   });
   if (!done) return tl::unexpected(done.error());
   if (written.record) {
-    last_sequence_ = written.record->sequence;
-    last_sha256_ = record_sha256;
+    last_sequence_ = sequence;
+    last_sha256_ = sha256;
+    head_.missing.reset();
     index(*written.record);
   }
+  if (written.record || head_failure_) write_head();
   return written;
 }
 
 Result<std::optional<PairState>> Ledger::state(std::string_view pair) const {
-  const auto text = store_.state(pair);
-  if (!text) return tl::unexpected(text.error());
-  if (!*text) return std::optional<PairState>{};
-  auto state = parse_pair_state(**text);
+  const auto stored = store_.state(pair);
+  if (!stored) return tl::unexpected(stored.error());
+  if (!*stored) return std::optional<PairState>{};
+  const auto refuse = [](const char* why) { return fail("malformed_state", std::string("the saved state ") + why); };
+  const std::string_view text = **stored;
+  const auto end = text.find('\n');
+  if (end == std::string_view::npos || !key_.is_mac(state_purpose, text.substr(end + 1), text.substr(0, end)))
+    return refuse("was not written by calibd with this signing key");
+  // From here on it is what this program wrote.
+  std::array<std::string, 3> head;
+  std::istringstream rest{std::string(text.substr(end + 1))};
+  for (std::string& line : head) std::getline(rest, line);
+  const std::string body(std::istreambuf_iterator<char>(rest), {});
+  const std::uint64_t sequence = std::strtoull(head[1].c_str(), nullptr, 10);
+  if (head[0] != pair) return refuse("is of another pair");
+  const auto last = last_of_pair_.find(pair);
+  if (sequence > last_sequence_ || (last != last_of_pair_.end() && last->second > sequence))
+    return refuse("is of another time than the records");
+  const auto sha256 = sequence == 0 ? Result<std::string>(no_previous_sha256) : sha256_of(sequence);
+  if (!sha256) return tl::unexpected(sha256.error());
+  if (*sha256 != head[2]) return refuse("is of another chain of records");
+  auto state = parse_pair_state(body);
   if (!state) return tl::unexpected(state.error());
   return std::optional<PairState>(std::move(*state));
 }
 
-Result<std::vector<DriftAlert>> Ledger::waiting_alerts(std::size_t limit) const {
-  const auto waiting = store_.waiting_alerts(limit);
-  if (!waiting) return tl::unexpected(waiting.error());
-  std::vector<DriftAlert> alerts;
-  for (const Store::Alert& one : *waiting) {
-    auto alert = parse_alert(one.json);
-    if (!alert) return tl::unexpected(alert.error());
-    alerts.push_back(std::move(*alert));
-  }
-  return alerts;
+Result<Ledger::Alerts> Ledger::latest_alerts(std::size_t limit) const {
+  const auto latest = store_.latest_alerts(limit);
+  if (!latest) return tl::unexpected(latest.error());
+  Alerts read;
+  for (const Store::Alert& one : *latest)
+    if (auto alert = parse_alert(one.json))
+      read.alerts.push_back(std::move(*alert));
+    else
+      read.unreadable.push_back({alert.error().code, "alert " + std::to_string(one.sequence) + ": " + alert.error().context});
+  return read;
 }
 
 std::uint64_t Ledger::waiting_alert_count() const { return store_.waiting_alert_count().value_or(0); }

@@ -7,6 +7,7 @@
 
 #include "calib/status.hpp"
 #include "calib/store.hpp"
+#include "chain_head.hpp"
 #include "dds/messages.hpp"
 #include "pair_state.hpp"
 
@@ -27,6 +28,9 @@ struct Moment {
   std::chrono::nanoseconds since_boot{};
 };
 
+/// The form of proto/alert.schema.json. Fails with `malformed_alert`.
+[[nodiscard]] Result<DriftAlert> parse_alert(std::string_view text);
+
 /// Whether two extrinsics differ by no more than rounding.
 [[nodiscard]] bool same(const RigidTransform& a, const RigidTransform& b);
 
@@ -35,9 +39,10 @@ struct Moment {
 class Ledger {
  public:
   /// Opens `state_dir`/calibd.db and verifies every record in it. Fails when one does not verify: nothing is to be
-  /// trusted then, and nothing is overwritten.
-  [[nodiscard]] static Result<Ledger> open(const std::filesystem::path& state_dir, SigningKey key,
-                                           Provenance provenance);
+  /// trusted then, and nothing is overwritten. Fails with `other_vehicle` when the records are of another vehicle than
+  /// `provenance`: one chain holds one. `head_dir` is where the chain's head is remembered.
+  [[nodiscard]] static Result<Ledger> open(const std::filesystem::path& state_dir, const std::filesystem::path& head_dir,
+                                           SigningKey key, Provenance provenance);
 
   /// The last record that put an extrinsic in force for the pair (decision initial, accepted or rolled_back).
   [[nodiscard]] const CalibrationRecord* in_force(std::string_view pair) const;
@@ -67,21 +72,44 @@ class Ledger {
   /// Writes the entry and the pair's state in one transaction.
   [[nodiscard]] Result<Written> write(std::string_view pair, const PairState& state, Entry entry, const Moment& now);
 
+  /// What was written last, authenticated, and in keeping with the records: none of them, and none that was there when
+  /// it was written, may be missing. Fails with `malformed_state` otherwise.
   [[nodiscard]] Result<std::optional<PairState>> state(std::string_view pair) const;
-  /// Alerts that nobody has taken yet, oldest first.
-  [[nodiscard]] Result<std::vector<DriftAlert>> waiting_alerts(std::size_t limit) const;
+  /// The latest alerts that nobody has taken yet, oldest first, less those that cannot be read.
+  struct Alerts {
+    std::vector<DriftAlert> alerts;
+    std::vector<Error> unreadable;
+  };
+  [[nodiscard]] Result<Alerts> latest_alerts(std::size_t limit) const;
   [[nodiscard]] std::uint64_t waiting_alert_count() const;
   [[nodiscard]] std::string key_id() const { return key_.public_key().id_text(); }
+  [[nodiscard]] const Provenance& provenance() const { return provenance_; }
+
+  /// Records that had been written and were not in the store when it was opened, in words. The next record says so too.
+  [[nodiscard]] const std::optional<std::string>& records_missing() const { return records_missing_; }
+  /// Why the chain's head could not be remembered; tried again with each `write`. The records themselves are written.
+  [[nodiscard]] const std::optional<Error>& head_failure() const { return head_failure_; }
 
  private:
-  Ledger(Store store, SigningKey key, Provenance provenance);
+  Ledger(Store store, std::filesystem::path head_dir, SigningKey key, Provenance provenance);
   void index(CalibrationRecord record);
+  [[nodiscard]] Result<std::string> sha256_of(std::uint64_t sequence) const;
+  [[nodiscard]] Result<void> compare_with_head();
+  [[nodiscard]] Result<SignedRecord> complete(CalibrationRecord& record, std::string_view pair, const Moment& now) const;
+  [[nodiscard]] std::string authenticated(std::string_view pair, std::uint64_t sequence, std::string_view sha256,
+                                          const PairState& state) const;
+  void write_head();
 
   Store store_;
+  std::filesystem::path head_dir_;
   SigningKey key_;
   Provenance provenance_;
   std::uint64_t last_sequence_ = 0;
   std::string last_sha256_{no_previous_sha256};
+  ChainHead head_;  // as remembered
+  std::optional<Error> head_failure_;
+  std::optional<std::string> records_missing_;
+  std::map<std::string, std::uint64_t, std::less<>> last_of_pair_;
   std::map<std::string, std::vector<CalibrationRecord>, std::less<>> extrinsics_;  // those that came into force
   std::map<std::string, CalibrationRecord, std::less<>> initial_;
   std::map<std::string, std::vector<CalibrationRecord>, std::less<>> baselines_;

@@ -12,8 +12,10 @@
 #include <fstream>
 #include <iterator>
 #include <opencv2/core.hpp>
+#include <sstream>
 #include <thread>
 
+#include "build_id.hpp"
 #include "control.hpp"
 #include "service.hpp"
 #include "version.hpp"
@@ -26,10 +28,16 @@ using calib::Result;
 constexpr int exit_failed = 1;
 constexpr int exit_config = 78;  // EX_CONFIG: starting again does not help
 
-std::optional<std::filesystem::path> path_from_environment(const char* name) {
+/// The first and the second folder that the service manager gave; it separates them by colons.
+std::pair<std::optional<std::filesystem::path>, std::optional<std::filesystem::path>> folders_from_environment(
+    const char* name) {
   const char* value = std::getenv(name);
-  if (value == nullptr || *value == '\0') return std::nullopt;
-  return value;
+  std::pair<std::optional<std::filesystem::path>, std::optional<std::filesystem::path>> folders;
+  std::istringstream list(value != nullptr ? value : "");
+  std::string folder;
+  if (std::getline(list, folder, ':') && !folder.empty()) folders.first = folder;
+  if (std::getline(list, folder, ':') && !folder.empty()) folders.second = folder;
+  return folders;
 }
 
 std::string file_bytes(const std::filesystem::path& file) {
@@ -56,7 +64,7 @@ Result<int> block_signals() {
 }
 
 Result<void> make_directories(const calib::Config& config) {
-  for (const auto& directory : {config.state_dir, config.runtime_dir}) {
+  for (const auto& directory : {config.state_dir, config.head_dir, config.runtime_dir}) {
     std::error_code error;
     std::filesystem::create_directories(directory, error);
     if (error || access(directory.c_str(), W_OK) != 0)
@@ -67,29 +75,40 @@ Result<void> make_directories(const calib::Config& config) {
   return {};
 }
 
-calib::Provenance provenance(const calib::Config& config) {
+Result<calib::Provenance> provenance(const calib::Config& config) {
   std::string boot_id = file_bytes("/proc/sys/kernel/random/boot_id");
   boot_id.erase(boot_id.find_last_not_of('\n') + 1);
-  return {config.vehicle, config.sha256, calib::version, calib::sha256_hex(file_bytes("/proc/self/exe")), boot_id};
+  const auto software = calib::build_id();
+  if (!software) return tl::unexpected(software.error());
+  return calib::Provenance{config.vehicle, config.sha256, calib::version, calib::sha256_hex(*software), boot_id};
 }
 
 Result<std::unique_ptr<calib::Service>> make_service(calib::Config config, calib::SigningKey key) {
-  auto ledger = calib::Ledger::open(config.state_dir, std::move(key), provenance(config));
+  auto known = provenance(config);
+  if (!known) return tl::unexpected(known.error());
+  auto ledger = calib::Ledger::open(config.state_dir, config.head_dir, std::move(key), std::move(*known));
   if (!ledger) return tl::unexpected(ledger.error());
   auto bus = calib::Bus::open(config.dds.domain, config.dds.interface);
   if (!bus) return tl::unexpected(bus.error());
   return calib::Service::make(std::move(config), std::move(*ledger), std::move(*bus));
 }
 
-/// Serves the control socket until a signal comes, while the service does its work on a thread of its own.
+/// Serves the control socket and shows the status until a signal comes, while the service does its work on a thread of
+/// its own. What is shown does not wait for that thread, nor does the end: whatever counts has been written.
 int serve(calib::Service& service, calib::ControlSocket& control, int signal_fd) {
+  using namespace std::chrono_literals;
   std::atomic<bool> ended = false;
+  Result<void> result;
   std::thread worker([&] {
     // The watchdog is fed by steps of the pipeline and by nothing else.
-    service.run([] { sd_notify(0, "WATCHDOG=1"); });
+    result = service.run([] { sd_notify(0, "WATCHDOG=1"); });
     ended = true;
   });
-  sd_notifyf(0, "READY=1\nSTATUS=watching\nMAINPID=%d", static_cast<int>(getpid()));
+  const auto show = [&] {
+    if (const auto verdicts = service.show()) sd_notifyf(0, "STATUS=%s", calib::escape_control(*verdicts).c_str());
+  };
+  show();
+  sd_notifyf(0, "READY=1\nMAINPID=%d", static_cast<int>(getpid()));
   spdlog::info("calibd {} watches", calib::version);
   const auto ask = [&](calib::Question question) {
     if (question.request["request"] == "status")
@@ -97,19 +116,18 @@ int serve(calib::Service& service, calib::ControlSocket& control, int signal_fd)
     else
       service.ask(std::move(question));
   };
-  while (!ended && !control.serve(std::chrono::seconds(1), signal_fd, ask)) {
-  }
+  while (!ended && !control.serve(200ms, signal_fd, ask)) show();
   sd_notify(0, "STOPPING=1");
   service.stop();
-  // An estimate of depth that does not end when asked to is left behind: all that counts has been written.
-  const auto patience = std::chrono::steady_clock::now() + std::chrono::milliseconds(900);
-  while (!ended && (std::chrono::steady_clock::now() < patience || !service.estimates_depth()))
-    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  const auto patience = std::chrono::steady_clock::now() + 1s;
+  while (!ended && std::chrono::steady_clock::now() < patience) std::this_thread::sleep_for(10ms);
   if (!ended) {
-    spdlog::warn("calibd ends in the middle of an estimate of depth");
+    spdlog::warn("calibd ends in the middle of its work on a pair");
     _exit(0);
   }
   worker.join();
+  show();
+  if (!result) return complain(result.error(), exit_failed);
   spdlog::info("calibd ends");
   return 0;
 }
@@ -132,8 +150,9 @@ int main(int argc, char** argv) {
   // Under systemd the journal has the time already.
   spdlog::set_pattern(std::getenv("JOURNAL_STREAM") != nullptr ? "%v" : "%Y-%m-%dT%H:%M:%S.%e %^%l%$ %v");
 
-  const calib::Places places{path_from_environment("STATE_DIRECTORY"), path_from_environment("RUNTIME_DIRECTORY"),
-                             path_from_environment("CREDENTIALS_DIRECTORY")};
+  const auto state = folders_from_environment("STATE_DIRECTORY");
+  const calib::Places places{state.first, folders_from_environment("RUNTIME_DIRECTORY").first,
+                             folders_from_environment("CREDENTIALS_DIRECTORY").first, state.second};
   auto config = calib::load_config(config_file, places);
   if (!config) {
     std::fprintf(stderr, "%s\n", calib::escape_control(config.error().context).c_str());
@@ -159,7 +178,8 @@ int main(int argc, char** argv) {
   if (!service) {
     // Records that do not verify are for a person to look at; starting again would not mend them.
     const bool records = service.error().code == "bad_signature" || service.error().code == "broken_chain" ||
-                         service.error().code == "wrong_key" || service.error().code == "malformed_record";
+                         service.error().code == "wrong_key" || service.error().code == "malformed_record" ||
+                         service.error().code == "other_vehicle";
     return complain(service.error(), records ? exit_config : exit_failed);
   }
   return serve(**service, *control, *signal_fd);

@@ -20,6 +20,8 @@ inline constexpr std::string_view sensor_silent = "cdcc0123fd9942c39ee5f4f10c854
 inline constexpr std::string_view depth_failed = "ac6348fdca7444b8b1f2d236c7508c68";
 inline constexpr std::string_view depth_prepared = "fcdfb253307c4ac6ab0cdbc80c56e583";
 inline constexpr std::string_view store_failed = "36d51b88823347e3b01ded9d1f0d96f0";
+inline constexpr std::string_view evidence_set_aside = "c2e702a545d545ea8f01bc71eabdcb5f";
+inline constexpr std::string_view records_missing = "58fe3ddd650a441487f821d39b9916b3";
 inline constexpr std::string_view bus_failed = "dd3a3ce307864957942390745f8b86ec";
 inline constexpr std::string_view snapshot_failed = "a2e1c201fcfd475ab3462404e5654036";
 

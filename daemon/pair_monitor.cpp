@@ -77,7 +77,7 @@ std::optional<NormalScore> PairMonitor::normal_score() const {
                      .pairs = baseline.pairs};
 }
 
-Result<PairMonitor::Outcome> PairMonitor::recalibrate() const {
+Result<PairMonitor::Outcome> PairMonitor::recalibrate(const std::function<bool()>& keep_going) const {
   const auto frames = eligible();
   if (frames.size() < wanted_pairs())
     return fail("not_ready", "only " + progress() + " good pairs are at hand; try again when there are more");
@@ -94,6 +94,7 @@ Result<PairMonitor::Outcome> PairMonitor::recalibrate() const {
   }
   settings.expected = expected();
   settings.normal = normal_score();
+  settings.keep_going = keep_going;
   auto result = calib::recalibrate(fit, held_back, T_camera_lidar_, settings);
   if (!result) return tl::unexpected(result.error());
   outcome.result = std::move(*result);

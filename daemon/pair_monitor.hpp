@@ -1,6 +1,7 @@
 #pragma once
 
 #include <deque>
+#include <functional>
 #include <memory>
 #include <optional>
 
@@ -52,8 +53,9 @@ class PairMonitor {
     Recalibration result;
     std::vector<Timestamp> frames;
   };
-  /// From the eligible pairs, of which every fifth is held back. Fails with `not_ready` when there are too few.
-  [[nodiscard]] Result<Outcome> recalibrate() const;
+  /// From the eligible pairs, of which every fifth is held back. Fails with `not_ready` when there are too few, and with
+  /// `cancelled` when `keep_going` says no.
+  [[nodiscard]] Result<Outcome> recalibrate(const std::function<bool()>& keep_going = {}) const;
 
   /// Puts an extrinsic in force: evidence and kept pairs belong to the old one and are forgotten. `drift` is what is
   /// known of the new one, if it was in force before.

@@ -4,6 +4,8 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
+#include "calib/json_integer.hpp"
+
 namespace calib {
 namespace {
 
@@ -45,7 +47,7 @@ json evidence_json(const AxisEvidence& evidence) {
 }
 
 AxisEvidence evidence_from(const json& in) {
-  AxisEvidence evidence{.stamp = Timestamp(in.at("stamp_ns").get<std::int64_t>()),
+  AxisEvidence evidence{.stamp = Timestamp(integer_from<std::int64_t>(in.at("stamp_ns"))),
                         .slope = vector6(in.at("slope")),
                         .score = in.at("score").get<double>(),
                         .peak = in.at("peak").get<double>()};
@@ -56,7 +58,7 @@ AxisEvidence evidence_from(const json& in) {
 json chart_json(const DriftState::Chart& chart) { return {{"sum", chart.sum}, {"since_ns", chart.since.count()}}; }
 
 DriftState::Chart chart_from(const json& in) {
-  return {in.at("sum").get<double>(), Timestamp(in.at("since_ns").get<std::int64_t>())};
+  return {in.at("sum").get<double>(), Timestamp(integer_from<std::int64_t>(in.at("since_ns")))};
 }
 
 json baseline_json(const DriftBaseline& baseline) {
@@ -76,7 +78,7 @@ json baseline_json(const DriftBaseline& baseline) {
 }
 
 DriftBaseline baseline_from(const json& in) {
-  const DriftBaseline baseline{.pairs = in.at("pairs").get<int>(),
+  const DriftBaseline baseline{.pairs = integer_from<int>(in.at("pairs")),
                                .slope = vector6(in.at("slope")),
                                .slope_products = matrix6(in.at("slope_products")),
                                .latest_slope = vector6(in.at("latest_slope")),
@@ -115,7 +117,7 @@ DriftState drift_from(const json& in) {
     for (auto& side : axis)
       for (DriftState::Chart& chart : side) chart = chart_from(in.at("charts").at(next++));
   for (DriftState::Chart& chart : drift.peak_charts) chart = chart_from(in.at("charts").at(next++));
-  drift.verdict = drift_verdict(in.at("verdict").get<int>());
+  drift.verdict = drift_verdict(integer_from<int>(in.at("verdict")));
   return drift;
 }
 
@@ -136,7 +138,7 @@ json probation_json(const Probation& probation) {
 }
 
 Probation probation_from(const json& in) {
-  const Probation probation{in.at("pairs").get<int>(), in.at("gain").get<double>(),
+  const Probation probation{integer_from<int>(in.at("pairs")), in.at("gain").get<double>(),
                             in.at("gain_squares").get<double>()};
   if (probation.pairs < 0 || probation.gain_squares < 0) throw std::invalid_argument("probation");
   return probation;
@@ -145,7 +147,7 @@ Probation probation_from(const json& in) {
 json time_json(WallTime time) { return time.count(); }
 
 std::optional<WallTime> time_from(const json& in) {
-  return in.is_null() ? std::nullopt : std::optional(WallTime(in.get<std::int64_t>()));
+  return in.is_null() ? std::nullopt : std::optional(WallTime(integer_from<std::int64_t>(in)));
 }
 
 }  // namespace
@@ -165,8 +167,9 @@ bool Probation::exceeds(double sigmas) const {
 }
 
 std::string to_text(const PairState& state) {
-  return json{{"schema", 2},
+  return json{{"schema", 3},
               {"drift", drift_json(state.drift)},
+              {"evidence_sha256", state.evidence_sha256},
               {"verdict", to_string(state.verdict)},
               {"reason", state.reason},
               {"since_ns", state.since.count()},
@@ -186,24 +189,26 @@ std::string to_text(const PairState& state) {
 Result<PairState> parse_pair_state(std::string_view text) {
   try {
     const json in = json::parse(text);
-    if (in.at("schema") != 2) return fail("malformed_state", "the saved state is of another version");
+    if (in.at("schema") != 3) return fail("malformed_state", "the saved state is of another version");
     PairState state;
     state.drift = drift_from(in.at("drift"));
+    state.evidence_sha256 = in.at("evidence_sha256").get<std::string>();
     const auto verdict = parse_verdict(in.at("verdict").get<std::string>());
     if (!verdict) return tl::unexpected(verdict.error());
     state.verdict = *verdict;
     state.reason = in.at("reason").get<std::string>();
-    state.since = WallTime(in.at("since_ns").get<std::int64_t>());
+    state.since = WallTime(integer_from<std::int64_t>(in.at("since_ns")));
     state.last_evaluated = time_from(in.at("last_evaluated_ns"));
-    state.evaluated = in.at("evaluated").get<std::uint64_t>();
-    state.skipped = in.at("skipped").get<std::map<std::string, std::uint64_t>>();
+    state.evaluated = integer_from<std::uint64_t>(in.at("evaluated"));
+    for (const auto& [reason, count] : in.at("skipped").get_ref<const json::object_t&>())
+      state.skipped[reason] = integer_from<std::uint64_t>(count);
     if (!in.at("score").is_null()) state.score = score_from(in.at("score"));
-    state.last_stamp = Timestamp(in.at("last_stamp_ns").get<std::int64_t>());
-    if (!in.at("proposed_record").is_null()) state.proposed_record = in.at("proposed_record").get<std::uint64_t>();
+    state.last_stamp = Timestamp(integer_from<std::int64_t>(in.at("last_stamp_ns")));
+    if (!in.at("proposed_record").is_null()) state.proposed_record = integer_from<std::uint64_t>(in.at("proposed_record"));
     if (!in.at("probation").is_null()) state.probation = probation_from(in.at("probation"));
-    state.refusals = in.at("refusals").get<int>();
+    state.refusals = integer_from<int>(in.at("refusals"));
     if (state.refusals < 0) return fail("malformed_state", "the saved state has a negative number of refusals");
-    state.retry_at = in.at("retry_at").get<std::uint64_t>();
+    state.retry_at = integer_from<std::uint64_t>(in.at("retry_at"));
     state.recalibrated = time_from(in.at("recalibrated_ns"));
     return state;
   } catch (const std::exception& exception) {

@@ -27,6 +27,8 @@ struct Probation {
 /// What a pair's watch remembers across restarts, beside the records.
 struct PairState {
   DriftState drift;
+  /// Digest of what `drift` was measured with; empty while there is none.
+  std::string evidence_sha256;
   Verdict verdict = Verdict::not_evaluated;
   std::string reason = "no pair was evaluated yet";
   WallTime since{};

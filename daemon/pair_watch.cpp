@@ -22,21 +22,24 @@ PairMonitorSettings monitor_settings(const Config& config, const PairConfig& pai
 }
 
 /// The signed baseline of the extrinsic in force, if it is of the time since it came into force or before it was put in
-/// force again. One of another configuration may be of another camera or depth.
-const CalibrationRecord* known_baseline(const Config& config, const PairConfig& pair, const Ledger& ledger) {
+/// force again, and was learned with what evidence is measured with now.
+const CalibrationRecord* known_baseline(const PairConfig& pair, const Ledger& ledger,
+                                        const std::string& evidence_sha256) {
   const CalibrationRecord* known = ledger.baseline(pair.name);
-  if (known == nullptr || known->configuration_sha256 != config.sha256) return nullptr;
+  if (known == nullptr || known->evidence_sha256 != evidence_sha256) return nullptr;
   const CalibrationRecord* in_force = ledger.in_force(pair.name);
   return known->sequence > in_force->sequence || in_force->decision == Decision::rolled_back ? known : nullptr;
 }
 
-/// What the records alone tell of a pair.
-PairState recovered(const Config& config, const PairConfig& pair, const Ledger& ledger, PairState state) {
-  if (const CalibrationRecord* known = known_baseline(config, pair, ledger))
+/// What the records alone tell of a pair's evidence.
+void recover(PairState& state, const PairConfig& pair, const Ledger& ledger, const std::string& evidence_sha256) {
+  state.drift = {};
+  state.score.reset();
+  state.probation.reset();
+  if (const CalibrationRecord* known = known_baseline(pair, ledger, evidence_sha256))
     state.drift = learned_state(*known->baseline);
   else if (ledger.in_force(pair.name)->decision == Decision::accepted)
     state.probation.emplace();
-  return state;
 }
 
 Verdict shown(DriftVerdict verdict) {
@@ -70,57 +73,87 @@ std::string_view message_id(const PairState& state) {
 
 }  // namespace
 
-PairWatch::PairWatch(const Config& config, const PairConfig& pair, PairMonitor monitor, PairState state, Ledger& ledger,
-                     Clock clock, PairListener listener)
+PairWatch::PairWatch(const Config& config, const PairConfig& pair, std::string evidence_sha256, PairMonitor monitor,
+                     PairState state, Ledger& ledger, Clock clock, PairListener listener)
     : config_(config),
       pair_(pair),
       monitor_(std::move(monitor)),
       state_(std::move(state)),
       ledger_(ledger),
       clock_(std::move(clock)),
-      listener_(std::move(listener)) {}
+      listener_(std::move(listener)),
+      evidence_sha256_(std::move(evidence_sha256)) {}
 
 Result<std::unique_ptr<PairWatch>> PairWatch::take_over(const Config& config, const PairConfig& pair,
+                                                        std::string evidence_sha256,
                                                         std::unique_ptr<DepthEstimator> depth, Ledger& ledger,
                                                         Clock clock, PairListener listener) {
   const CalibrationRecord* initial = ledger.initial(pair.name);
+  const auto saved = ledger.state(pair.name);
   PairState state;
   state.since = clock().wall;
+  state.evidence_sha256 = evidence_sha256;
+  std::string set_aside;
   if (initial == nullptr || !same(initial->T_camera_lidar, pair.T_camera_lidar)) {
     CalibrationRecord record;
     record.decision = Decision::initial;
     record.asked_by = "configuration";
     record.reason = "taken from the configuration";
+    record.evidence_sha256 = evidence_sha256;
     record.T_camera_lidar = pair.T_camera_lidar;
     record.T_camera_lidar_before =
         initial != nullptr ? ledger.in_force(pair.name)->T_camera_lidar : pair.T_camera_lidar;
     const auto written = ledger.write(pair.name, state, {.record = std::move(record), .alert = {}}, clock());
     if (!written) return tl::unexpected(written.error());
-  } else if (auto saved = ledger.state(pair.name); saved && *saved) {
-    state = std::move(**saved);
+  } else if (saved && *saved && (*saved)->evidence_sha256 == evidence_sha256) {
+    state = **saved;
   } else {
-    state = recovered(config, pair, ledger, std::move(state));
-    if (!saved)
-      listener.journal(4, message_ids::store_failed,
-                       pair.name + ": " + saved.error().context + "; its evidence is gathered anew" +
-                           (state.drift.baseline.pairs > 0 ? ", its baseline is that of the records" : ""));
+    if (saved && *saved) {
+      set_aside = "it was gathered with another configuration, depth model or calibd";
+      state = **saved;
+      state.evidence_sha256 = evidence_sha256;
+      state.proposed_record.reset();
+    } else {
+      set_aside = saved ? "the store holds none" : saved.error().context;
+    }
+    recover(state, pair, ledger, evidence_sha256);
   }
   PairMonitor monitor(monitor_settings(config, pair), pair.camera.camera, std::move(depth),
                       ledger.in_force(pair.name)->T_camera_lidar, state.drift);
-  return std::unique_ptr<PairWatch>(
-      new PairWatch(config, pair, std::move(monitor), std::move(state), ledger, std::move(clock), std::move(listener)));
+  std::unique_ptr<PairWatch> watch(new PairWatch(config, pair, std::move(evidence_sha256), std::move(monitor),
+                                                 std::move(state), ledger, std::move(clock), std::move(listener)));
+  watch->begin(set_aside);
+  return watch;
+}
+
+/// Nothing is claimed before this process has evidence of its own; what was claimed before is said with the reason.
+void PairWatch::begin(const std::string& set_aside) {
+  if (!set_aside.empty())
+    listener_.journal(4, message_ids::evidence_set_aside,
+                      name() + ": earlier evidence is set aside: " + set_aside +
+                          (state_.drift.baseline.pairs > 0 ? "; the baseline is that of the records"
+                                                           : "; the baseline is learned anew"));
+  PairState after = state_;
+  const Claim now_said = claim({state_.verdict, state_.reason}, std::nullopt, boot_time());
+  if (after.verdict == now_said.verdict && set_aside.empty()) return;
+  after.verdict = now_said.verdict;
+  after.reason = set_aside.empty() ? now_said.reason : "starting: earlier evidence is set aside: " + set_aside;
+  write(std::move(after), std::nullopt);
 }
 
 Result<void> PairWatch::evaluate(const FramePair& pair) {
+  const Moment taken = clock_();
   auto evidence = monitor_.measure(pair);
   if (!evidence) return tl::unexpected(evidence.error());
   state_.last_stamp = pair.image.stamp;
-  observe(std::move(*evidence));
+  observe(std::move(*evidence), taken);
   return {};
 }
 
-void PairWatch::observe(PairMonitor::Evidence evidence) {
+void PairWatch::observe(PairMonitor::Evidence evidence, const Moment& taken) {
   windows_without_evidence_ = 0;
+  ++pairs_;
+  taken_ = {ledger_.provenance().boot_id, taken.since_boot};
   state_.last_evaluated = clock_().wall;
   ++state_.evaluated;
   const Stencil stencil = evidence.stencil;
@@ -140,6 +173,9 @@ void PairWatch::skip(const Error& error, int windows) {
 }
 
 void PairWatch::conclude() {
+  const auto time = clock_().since_boot;
+  if (last_window_) cycles_ = {time - *last_window_, cycles_[0]};
+  last_window_ = time;
   // The window's evidence was about the extrinsic that was in force.
   if (state_.probation && windows_without_evidence_ == 0 && !stands_probation()) return;
   auto baseline = baseline_due();
@@ -148,8 +184,26 @@ void PairWatch::conclude() {
     listener_.journal(5, message_ids::baseline_learned, name() + ": " + learned);
 
   const bool wanted = state_.verdict == Verdict::drifted && !state_.proposed_record && !state_.probation;
-  if (wanted && may_recalibrate() && monitor_.can_recalibrate()) [[maybe_unused]]
-    const auto told = recalibrate("calibd", /*dry_run=*/false);
+  if (!wanted || !may_recalibrate() || !monitor_.can_recalibrate()) return;
+  [[maybe_unused]] const auto told = recalibrate("calibd", /*dry_run=*/false);
+  last_window_ = clock_().since_boot;  // a recalibration is no part of the cycle
+}
+
+std::optional<std::string> PairWatch::not_written() const {
+  const auto& failure = store_failure_ ? store_failure_ : ledger_.head_failure();
+  return failure ? std::optional(failure->context) : std::nullopt;
+}
+
+std::optional<Grounds> PairWatch::grounds(std::optional<std::string> not_written) const {
+  if (pairs_ == 0 && !not_written) return std::nullopt;
+  // The shorter one: a lone delay does not make evidence last longer.
+  const auto cycle = std::min(cycles_[0], cycles_[1]);
+  return Grounds{.pairs = pairs_,
+                 .taken = taken_,
+                 .lifetime = evidence_lifetime(config_.sampling, cycle),
+                 .evidence_sha256 = evidence_sha256_,
+                 .baseline_sha256 = state_.evidence_sha256,
+                 .not_written = std::move(not_written)};
 }
 
 /// The state with the verdict that the evidence calls for.
@@ -171,6 +225,9 @@ PairState PairWatch::concluded() const {
       after.reason +=
           "; the extrinsic of record " + std::to_string(ledger_.in_force(name())->sequence) + " is on probation";
   }
+  Claim said = claim({after.verdict, std::move(after.reason)}, grounds(std::nullopt), boot_time());
+  after.verdict = said.verdict;
+  after.reason = std::move(said.reason);
   return after;
 }
 
@@ -178,7 +235,7 @@ PairState PairWatch::concluded() const {
 std::optional<CalibrationRecord> PairWatch::baseline_due() const {
   const DriftBaseline& learned = monitor_.drift().state().baseline;
   const DriftSettings& settings = monitor_.drift().settings();
-  const CalibrationRecord* const last = known_baseline(config_, pair_, ledger_);
+  const CalibrationRecord* const last = known_baseline(pair_, ledger_, evidence_sha256_);
   const int known = last == nullptr ? 0 : static_cast<int>(last->baseline->pairs);
   const int due = known < settings.baseline_pairs ? settings.baseline_pairs : settings.max_baseline_pairs;
   if (learned.pairs < due || known >= due) return std::nullopt;
@@ -207,6 +264,7 @@ DriftAlert PairWatch::alert(const PairState& after) const {
 
 /// Makes `after` the pair's state, durably, with the record and the alert that go with it; or changes nothing.
 bool PairWatch::write(PairState after, std::optional<CalibrationRecord> record) {
+  if (record) record->evidence_sha256 = evidence_sha256_;
   Ledger::Entry entry{.record = std::move(record), .alert = {}};
   const Verdict before = state_.verdict;
   if (after.verdict != before) {
@@ -215,12 +273,16 @@ bool PairWatch::write(PairState after, std::optional<CalibrationRecord> record) 
   }
   const auto written = ledger_.write(name(), after, std::move(entry), clock_());
   if (!written) {
-    if (std::exchange(store_failure_, written.error().code) != written.error().code)
+    const bool news = !store_failure_ || store_failure_->code != written.error().code;
+    store_failure_ = written.error();
+    if (news)
       listener_.journal(3, message_ids::store_failed,
-                        name() + ": " + written.error().context + "; nothing was changed, the next pair tries again");
+                        name() + ": " + store_failure_->context +
+                            "; nothing was changed, the pair is not evaluated, and the next window tries again");
     return false;
   }
-  store_failure_.clear();
+  if (std::exchange(store_failure_, std::nullopt))
+    listener_.journal(5, message_ids::store_failed, name() + ": the store can be written again");
   state_ = std::move(after);
   if (!written->alert) return true;
   listener_.alert(*written->alert);
@@ -234,8 +296,10 @@ bool PairWatch::write(PairState after, std::optional<CalibrationRecord> record) 
 PairStatus PairWatch::status() const {
   PairStatus status;
   status.name = name();
-  status.verdict = state_.verdict;
-  status.reason = state_.reason;
+  status.grounds = grounds(not_written());
+  Claim said = claim({state_.verdict, state_.reason}, status.grounds, boot_time());
+  status.verdict = said.verdict;
+  status.reason = std::move(said.reason);
   status.since = state_.since;
   status.last_evaluated = state_.last_evaluated;
   status.evaluated = state_.evaluated;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <functional>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -18,6 +19,8 @@ struct PairListener {
   std::function<void(int priority, std::string_view message_id, const std::string& text)> journal;
   /// The extrinsic in force, or the one proposed, is another.
   std::function<void()> extrinsic_changed;
+  /// Called often while a recalibration goes on; false ends it.
+  std::function<bool()> keep_going = [] { return true; };
 };
 
 /// The life of one camera-LiDAR pair: evidence becomes verdicts, verdicts become alerts and new extrinsics, and every
@@ -29,9 +32,11 @@ class PairWatch {
   static constexpr int windows_to_stale = 2;
 
   /// Takes over what the ledger remembers: the extrinsic that the last record put in force, unless the configuration
-  /// has a new one since; for that an `initial` record is written. `config`, `pair` (one of its pairs) and `ledger`
+  /// has a new one since; for that an `initial` record is written. Evidence is taken over when it was measured with what
+  /// `evidence_sha256` is the digest of, and set aside otherwise. `config`, `pair` (one of its pairs) and `ledger`
   /// outlive the watch.
   [[nodiscard]] static Result<std::unique_ptr<PairWatch>> take_over(const Config& config, const PairConfig& pair,
+                                                                    std::string evidence_sha256,
                                                                     std::unique_ptr<DepthEstimator> depth,
                                                                     Ledger& ledger, Clock clock, PairListener listener);
 
@@ -39,8 +44,9 @@ class PairWatch {
 
   /// Fails with the reason why this pair says nothing, for `skip`.
   [[nodiscard]] Result<void> evaluate(const FramePair& pair);
-  /// Takes evidence that was measured at the extrinsic in force, by `evaluate` or before.
-  void observe(PairMonitor::Evidence evidence);
+  /// Takes evidence that was measured at the extrinsic in force, by `evaluate` or before, on samples that were received
+  /// at `taken`.
+  void observe(PairMonitor::Evidence evidence, const Moment& taken);
   /// A window without evidence, or as good as `windows` of them.
   void skip(const Error& error, int windows = 1);
   /// Counts a sample that was of no use; `skip` does so itself with all that is not `malformed:…`.
@@ -64,13 +70,19 @@ class PairWatch {
   [[nodiscard]] const PairState& state() const { return state_; }
   [[nodiscard]] const PairMonitor& monitor() const { return monitor_; }
   [[nodiscard]] const PairConfig& config() const { return pair_; }
+  /// Why the last write to the store failed; nothing when it did not.
+  [[nodiscard]] const std::optional<Error>& store_failure() const { return store_failure_; }
   /// Why the last window without evidence had none.
   [[nodiscard]] const std::string& last_skip() const { return last_skip_; }
 
  private:
-  PairWatch(const Config& config, const PairConfig& pair, PairMonitor monitor, PairState state, Ledger& ledger,
-            Clock clock, PairListener listener);
+  PairWatch(const Config& config, const PairConfig& pair, std::string evidence_sha256, PairMonitor monitor,
+            PairState state, Ledger& ledger, Clock clock, PairListener listener);
 
+  void begin(const std::string& set_aside);
+  [[nodiscard]] BootTime boot_time() const { return {ledger_.provenance().boot_id, clock_().since_boot}; }
+  [[nodiscard]] std::optional<std::string> not_written() const;
+  [[nodiscard]] std::optional<Grounds> grounds(std::optional<std::string> not_written) const;
   [[nodiscard]] PairState concluded() const;
   [[nodiscard]] DriftAlert alert(const PairState& after) const;
   bool write(PairState after, std::optional<CalibrationRecord> record);
@@ -92,9 +104,15 @@ class PairWatch {
   Ledger& ledger_;
   Clock clock_;
   PairListener listener_;
+  const std::string evidence_sha256_;
+  // Evidence of this process, at the extrinsic in force.
+  std::uint64_t pairs_ = 0;
+  BootTime taken_;
+  std::array<std::chrono::nanoseconds, 2> cycles_{};  // between the latest windows
+  std::optional<std::chrono::nanoseconds> last_window_;
   int windows_without_evidence_ = 0;
   std::string last_skip_;
-  std::string store_failure_;   // that was told last
+  std::optional<Error> store_failure_;  // of the last write
   std::uint64_t retry_at_ = 0;  // value of `state.evaluated` from which the next recalibration may run
 };
 

@@ -69,7 +69,7 @@ void PairWatch::refuse(PairState& after) const {
 }
 
 json PairWatch::recalibrate(const std::string& asked_by, bool dry_run) {
-  const auto outcome = monitor_.recalibrate();
+  const auto outcome = monitor_.recalibrate(listener_.keep_going);
   if (!outcome) return refusal(outcome.error().code == "not_ready" ? "not_ready" : "failed", outcome.error().context);
   const Recalibration& result = outcome->result;
   json reply{{"ok", true}, {"reason", result.reason}, {"record", nullptr}, {"result", in_json(result)}};
@@ -120,7 +120,7 @@ json PairWatch::put_in_force(CalibrationRecord record, PairState after) {
   const bool accepted = record.decision == Decision::accepted;
   const std::string reason = record.reason;
   const CalibrationRecord* baseline = accepted ? nullptr : ledger_.baseline(name(), record.T_camera_lidar);
-  after.drift = baseline != nullptr && baseline->configuration_sha256 == config_.sha256
+  after.drift = baseline != nullptr && baseline->evidence_sha256 == evidence_sha256_
                     ? learned_state(*baseline->baseline)
                     : DriftState{};
   after.verdict = Verdict::not_evaluated;
@@ -133,6 +133,7 @@ json PairWatch::put_in_force(CalibrationRecord record, PairState after) {
   if (!write(std::move(after), std::move(record)))
     return refusal("failed", "the record could not be written; see the journal");
   monitor_.adopt(ledger_.in_force(name())->T_camera_lidar, drift);
+  pairs_ = 0;
   listener_.journal(5, accepted ? message_ids::recalibration_accepted : message_ids::rolled_back,
                     name() + ": " + (accepted ? "new extrinsic" : "earlier extrinsic") + " in force by record " +
                         number(sequence) + ": " + reason);

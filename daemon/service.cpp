@@ -3,7 +3,9 @@
 #include <time.h>
 
 #include <algorithm>
+#include <new>
 
+#include "calib/config_node.hpp"
 #include "journal.hpp"
 #include "message_ids.hpp"
 
@@ -56,26 +58,42 @@ PairTopics topics_of(const PairConfig& pair) {
 
 Moment now() { return {read_clock(CLOCK_REALTIME), read_clock(CLOCK_BOOTTIME)}; }
 
+std::string evidence_sha256(const PairConfig& pair, const Provenance& provenance) {
+  std::string measured_with = pair.evidence_text + "software:" + provenance.software_sha256 + '\n';
+  if (const auto* onnx = std::get_if<OnnxDepthConfig>(&pair.depth)) {
+    const auto descriptor = read_config_text(onnx->model);
+    // One that cannot be read gives no evidence either.
+    measured_with += "model:" + (descriptor ? sha256_hex(*descriptor) : "") + '\n';
+  }
+  return sha256_hex(measured_with);
+}
+
 Result<std::unique_ptr<Service>> Service::make(Config config, Ledger ledger, Bus bus) {
   std::unique_ptr<Service> service(new Service(std::move(config), std::move(ledger), std::move(bus)));
+  if (const auto& missing = service->ledger_.records_missing())
+    journal(3, message_ids::records_missing, *missing + "; calibd goes on with the records that there are");
   for (const PairConfig& pair : service->config_.pairs)
     if (auto taken = service->take_over(pair); !taken) return tl::unexpected(taken.error());
   // Alerts that were written but perhaps not sent, and extrinsics that late readers must see.
-  const auto waiting = service->ledger_.waiting_alerts(32);
-  if (!waiting) return tl::unexpected(waiting.error());
-  for (const DriftAlert& alert : *waiting)
+  const auto latest = service->ledger_.latest_alerts(32);
+  if (!latest) return tl::unexpected(latest.error());
+  for (const Error& unreadable : latest->unreadable)
+    journal(4, message_ids::store_failed, unreadable.context + "; it is left where it is, and not sent");
+  for (const DriftAlert& alert : latest->alerts)
     if (auto sent = service->bus_.publish_alert(alert); !sent) return tl::unexpected(sent.error());
   service->publish_extrinsics();
-  service->publish_status();
+  service->collect_status();
   return service;
 }
 
-void Service::run(const std::function<void()>& alive) {
+Result<void> Service::run(const std::function<void()>& alive) {
   alive_ = alive;
   auto next = steady_clock::now();
   while (!stopping()) {
     for (auto& watch : watches_) {
       if (!stopping()) sample(*watch);
+      if (const auto& failure = watch->pair->store_failure(); failure && failure->code == "store_moved")
+        return tl::unexpected(*failure);
       see_doctor();
     }
     next = std::max(next + config_.sampling.period, steady_clock::now());
@@ -84,6 +102,7 @@ void Service::run(const std::function<void()>& alive) {
       see_doctor();
     }
   }
+  return {};
 }
 
 void Service::stop() {
@@ -98,14 +117,26 @@ bool Service::stopping() const {
   return stopping_;
 }
 
-bool Service::estimates_depth() const {
-  return std::ranges::any_of(watches_, [](const auto& watch) { return watch->depth->busy(); });
-}
-
 void Service::ask(Question question) {
   const std::lock_guard lock(mutex_);
+  if (questions_.size() >= most_questions)
+    std::erase_if(questions_, [](const Question& waiting) { return waiting.asker_left->load(); });
+  if (questions_.size() >= most_questions) {
+    question.answer(refusal("failed", "too many questions wait; ask later"));
+    return;
+  }
   questions_.push_back(std::move(question));
   wake_.notify_all();
+}
+
+/// While one step of the pipeline goes on that must not be entered a second time: feeds the watchdog, and says whether
+/// to go on.
+bool Service::keep_going() {
+  if (const auto time = steady_clock::now(); time >= last_alive_ + slice) {
+    last_alive_ = time;
+    alive_();
+  }
+  return !stopping();
 }
 
 /// Between two steps: waits for a question or until `until`, for at most a slice, and does what is due.
@@ -124,23 +155,31 @@ void Service::breathe(steady_clock::time_point until) {
     else
       doctor_questions_.push_back(std::move(question));
   }
-  if (!questions.empty()) publish_status();
-  publish_diagnostics();
+  if (!questions.empty()) collect_status();
   alive_();
 }
 
 void Service::sample(Watch& watch) {
-  if (prepare(watch)) {
-    const auto pair = collect(watch);
-    const auto evaluated = pair ? watch.pair->evaluate(*pair) : tl::unexpected(pair.error());
-    if (stopping()) return;  // whatever is missing was not waited for
-    if (!evaluated) watch.pair->skip(evaluated.error());
-    if (evaluated) watch.time_difference = pair->time_difference();
-  }
-  if (stopping()) return;
+  const auto evaluated = evaluate(watch);
+  if (stopping()) return;  // whatever is missing was not waited for
+  if (!evaluated && evaluated.error().code != "not_prepared") watch.pair->skip(evaluated.error());
   watch.pair->conclude();
-  publish_status();
+  collect_status();
   breathe(steady_clock::now());
+}
+
+/// One window. Memory that runs out, and what a library throws, cost the window and no more.
+Result<void> Service::evaluate(Watch& watch) try {
+  if (!prepare(watch)) return fail("not_prepared", "");
+  const auto pair = collect(watch);
+  if (!pair) return tl::unexpected(pair.error());
+  auto evaluated = watch.pair->evaluate(*pair);
+  if (evaluated) watch.time_difference = pair->time_difference();
+  return evaluated;
+} catch (const std::bad_alloc&) {
+  return fail("out_of_memory", "there was no memory for a pair; give calibd more (MemoryMax=), or smaller samples");
+} catch (const std::exception& exception) {
+  return fail("internal_error", std::string("a pair could not be evaluated: ") + exception.what());
 }
 
 /// Whether the pair's source of depth is good. One that is not stays so, and nothing can be said of the pair.
@@ -210,17 +249,14 @@ std::optional<Error> Service::receive(Watch& watch, Sample sample, PairBuffer& b
   } else if (const auto* right_info = std::get_if<RightCameraInfo>(&sample)) {
     watch.depth->hear_right(right_info->info);
   } else if (const auto* malformed = std::get_if<Malformed>(&sample)) {
-    watch.pair->count_skipped(malformed->error.code);
+    if (malformed->error.code.starts_with("malformed:")) watch.pair->count_skipped(malformed->error.code);
     return Error{malformed->error.code, malformed->topic + ": " + malformed->error.context};
   }
   return std::nullopt;
 }
 
 Result<void> Service::take_over(const PairConfig& pair) {
-  auto depth = std::make_unique<DepthSource>(pair, [this] {
-    breathe(steady_clock::now());
-    return !stopping();
-  });
+  auto depth = std::make_unique<DepthSource>(pair, [this] { return keep_going(); });
   DepthSource* const source = depth.get();
   const PairListener listener{
       .alert =
@@ -230,8 +266,10 @@ Result<void> Service::take_over(const PairConfig& pair) {
                       name + ": " + sent.error().context + "; the alert is kept and sent at the next start");
           },
       .journal = journal,
-      .extrinsic_changed = [this] { publish_extrinsics(); }};
-  auto watch = PairWatch::take_over(config_, pair, std::move(depth), ledger_, now, listener);
+      .extrinsic_changed = [this] { publish_extrinsics(); },
+      .keep_going = [this] { return keep_going(); }};
+  auto watch = PairWatch::take_over(config_, pair, evidence_sha256(pair, ledger_.provenance()), std::move(depth), ledger_,
+                                    now, listener);
   if (!watch) return tl::unexpected(watch.error());
   watches_.push_back(std::make_unique<Watch>(
       Watch{.config = &pair, .topics = topics_of(pair), .pair = std::move(*watch), .depth = source}));

@@ -21,7 +21,8 @@
 namespace calib {
 
 /// Samples each pair, has its watch judge what came, tells the world what it decided, and answers questions. One thread
-/// runs it and owns everything of the estimator; other threads ask questions and read the last status.
+/// runs it and owns everything of the estimator; another shows its last status, by its own clock: when the first one
+/// hangs, what is shown grows stale by itself.
 class Service {
  public:
   /// Takes over what the ledger remembers. Writes an `initial` record for each pair whose configured extrinsic is new.
@@ -29,15 +30,18 @@ class Service {
 
   /// Samples until `stop` is called. `alive` is called whenever a step of the pipeline was done, at least once a second
   /// while there is nothing to do: it feeds the watchdog.
-  void run(const std::function<void()>& alive);
+  /// Fails with `store_moved`: only a new start mends that.
+  [[nodiscard]] Result<void> run(const std::function<void()>& alive);
   void stop();
 
-  /// From any thread; answered between two steps of the pipeline.
+  /// From any thread; answered between two steps of the pipeline. Refused when `most_questions` wait already.
   void ask(Question question);
-  /// From any thread: whether depth is being estimated, which may not end at once when asked.
-  [[nodiscard]] bool estimates_depth() const;
-  /// From any thread: the status as of the last change, with the ages as of now.
+  static constexpr std::size_t most_questions = 16;
+  /// From any thread: the status as of the last change, with ages and verdicts as of now.
   [[nodiscard]] Status status() const;
+  /// From the thread that shows things, some times a second: writes the snapshot when what it shows has changed, sends
+  /// the diagnostics once a second, and returns the verdicts in a line when they are others.
+  [[nodiscard]] std::optional<std::string> show();
 
  private:
   struct Watch {
@@ -57,10 +61,12 @@ class Service {
 
   // service.cpp: sampling
   void sample(Watch& watch);
+  [[nodiscard]] Result<void> evaluate(Watch& watch);
   [[nodiscard]] bool prepare(Watch& watch);
   [[nodiscard]] Result<FramePair> collect(Watch& watch);
   [[nodiscard]] std::optional<Error> receive(Watch& watch, Sample sample, PairBuffer& buffer);
   void breathe(std::chrono::steady_clock::time_point until);
+  [[nodiscard]] bool keep_going();
   [[nodiscard]] bool stopping() const;
 
   [[nodiscard]] Result<void> take_over(const PairConfig& pair);
@@ -75,8 +81,8 @@ class Service {
 
   // service_status.cpp: what is shown
   [[nodiscard]] PairStatus status_of(const Watch& watch) const;
-  void publish_status();
-  void publish_diagnostics();
+  void collect_status();
+  void publish_diagnostics(const Status& status);
   void publish_extrinsics();
 
   Config config_;
@@ -85,9 +91,14 @@ class Service {
   std::vector<std::unique_ptr<Watch>> watches_;
   std::function<void()> alive_;
   std::chrono::steady_clock::time_point started_ = std::chrono::steady_clock::now();
+  std::chrono::steady_clock::time_point last_alive_{};
+  std::deque<Question> doctor_questions_;
+
+  // Of the thread that shows things.
   std::chrono::steady_clock::time_point next_diagnostics_{};
   std::set<std::string> failures_logged_;
-  std::deque<Question> doctor_questions_;
+  std::string verdicts_shown_;
+  std::uint64_t collection_shown_ = 0;
 
   mutable std::mutex mutex_;  // guards what is below
   std::condition_variable wake_;
@@ -95,7 +106,12 @@ class Service {
   std::deque<Question> questions_;
   Status status_;
   std::chrono::steady_clock::time_point status_collected_{};
+  std::uint64_t collections_ = 0;
 };
+
+/// Digest of what a pair's evidence is measured with: `PairConfig::evidence_text`, the depth network's descriptor, which
+/// pins the network, and the software.
+[[nodiscard]] std::string evidence_sha256(const PairConfig& pair, const Provenance& provenance);
 
 /// Both clocks of a record, now.
 [[nodiscard]] Moment now();

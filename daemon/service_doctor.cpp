@@ -233,7 +233,7 @@ Result<std::optional<FramePair>> Service::listen(Watch& watch, PairSeen& seen) {
     auto samples = window->wait(std::chrono::milliseconds(200));
     if (!samples) return tl::unexpected(samples.error());
     for (Sample& sample : *samples) ear.hear(std::move(sample), now().wall);
-    breathe(steady_clock::now());
+    [[maybe_unused]] const bool on = keep_going();
     seen.listened = steady_clock::now() - start;
     if (seen.listened < shortest_listening) continue;
     auto writers = bus_.remote_writers();
@@ -263,7 +263,7 @@ std::optional<DepthMap> Service::try_depth(Watch& watch, const FramePair& pair, 
   else if (seen.depth || seen.depth.error().code == "no_pair")
     seen.depth = tl::unexpected(depth.error());
   seen.extrinsic = examine_extrinsic(seen.camera, T_camera_lidar, pair.scan, depth ? &*depth : nullptr);
-  breathe(steady_clock::now());
+  [[maybe_unused]] const bool on = keep_going();
   if (depth)
     if (const auto told = told_camera(seen)) seen.told_lens = depth_agreement(*depth, *told, T_camera_lidar, pair.scan);
   if (pair.right_image && depth && !is_good(seen)) {

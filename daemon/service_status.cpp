@@ -29,21 +29,18 @@ PairStatus Service::status_of(const Watch& watch) const {
   return status;
 }
 
-void Service::publish_status() {
+void Service::collect_status() {
   Status status;
   status.vehicle = config_.vehicle;
   status.running = true;
   status.version = version;
-  status.uptime_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - started_).count();
   for (const auto& watch : watches_) status.pairs.push_back(status_of(*watch));
   status.feed_queued = ledger_.waiting_alert_count();
-  const auto written = write_snapshot(config_.runtime_dir / "status.json", status);
-  if (!written && failures_logged_.insert(written.error().code).second)
-    journal(4, message_ids::snapshot_failed,
-            written.error().context + "; status is still answered on the control socket");
+  status.records_missing = ledger_.records_missing();
   const std::lock_guard lock(mutex_);
   status_ = std::move(status);
   status_collected_ = std::chrono::steady_clock::now();
+  ++collections_;
 }
 
 Status Service::status() const {
@@ -62,14 +59,39 @@ Status Service::status() const {
     if (pair.depth) grow_older(*pair.depth);
     if (pair.motion) grow_older(*pair.motion);
   }
+  expire(status, {ledger_.provenance().boot_id, now().since_boot});
   return status;
 }
 
-void Service::publish_diagnostics() {
+std::optional<std::string> Service::show() {
+  const auto collections = [this] {
+    const std::lock_guard lock(mutex_);
+    return collections_;
+  }();
+  const Status status = this->status();
+  publish_diagnostics(status);
+  std::string verdicts;
+  for (const PairStatus& pair : status.pairs)
+    verdicts += (verdicts.empty() ? "" : "; ") + pair.name + ": " + std::string(to_string(pair.verdict)) + " (" +
+                pair.reason + ')';
+  const bool others = verdicts != verdicts_shown_;
+  if (others || collections != collection_shown_) {
+    const auto written = write_snapshot(config_.runtime_dir / "status.json", status);
+    if (!written && failures_logged_.insert(written.error().code).second)
+      journal(4, message_ids::snapshot_failed,
+              written.error().context + "; status is still answered on the control socket");
+    collection_shown_ = collections;
+  }
+  if (!others) return std::nullopt;
+  verdicts_shown_ = verdicts;
+  return verdicts;
+}
+
+void Service::publish_diagnostics(const Status& status) {
   const auto time = std::chrono::steady_clock::now();
   if (time < next_diagnostics_) return;
   next_diagnostics_ = time + std::chrono::seconds(1);
-  const auto sent = bus_.publish_diagnostics(status(), now().wall);
+  const auto sent = bus_.publish_diagnostics(status, now().wall);
   if (!sent && failures_logged_.insert(sent.error().code).second)
     journal(4, message_ids::bus_failed, sent.error().context + "; diagnostics are tried again every second");
 }

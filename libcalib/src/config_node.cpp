@@ -7,6 +7,7 @@
 #include <charconv>
 #include <cmath>
 #include <fstream>
+#include <map>
 #include <set>
 #include <sstream>
 
@@ -63,6 +64,18 @@ bool holds_one_document(const std::string& yaml) {
   return documents.count == 1;
 }
 
+std::string canonical_text(const YAML::Node& node) {
+  if (node.IsScalar()) return '"' + node.Scalar() + '"';
+  std::string text;
+  if (node.IsSequence())
+    for (const auto& item : node) text += canonical_text(item) + ',';
+  if (!node.IsMap()) return '[' + text + ']';
+  std::map<std::string, std::string> sorted;
+  for (const auto& entry : node) sorted.emplace(entry.first.Scalar(), canonical_text(entry.second));
+  for (const auto& [key, value] : sorted) text += key + ':' + value + ',';
+  return '{' + text + '}';
+}
+
 bool holds_control(std::string_view text) {
   return std::ranges::any_of(text, [](char c) { return static_cast<unsigned char>(c) < ' ' || c == 0x7F; });
 }
@@ -114,6 +127,8 @@ ConfigNode ConfigNode::at(std::string_view key) const {
   if (!child) ConfigNode(node_, key_of(key), line_).refuse("missing; add it");
   return *child;
 }
+
+std::string ConfigNode::canonical() const { return canonical_text(node_); }
 
 std::vector<ConfigNode> ConfigNode::items() const {
   if (!node_.IsSequence()) refuse("needs a list");

@@ -34,10 +34,12 @@ struct Found {
 /// Searches with the axes `wanted`; again without those that turn out not to be observable. A rotation that ends at its
 /// bound is not among them: it may well have gone further, and is for a gate to refuse.
 Result<Found> search_observable(Frames fit, const RigidTransform& T, SearchResult first,
-                                const std::array<bool, 6>& wanted, const SearchBounds& bounds, int& evaluations) {
+                                const std::array<bool, 6>& wanted, const RecalibrationSettings& how,
+                                int& evaluations) {
+  const SearchBounds& bounds = how.bounds;
   Found found{.result = std::move(first), .released = wanted, .uncertainty = {}, .left = {}};
   while (true) {
-    const SearchSettings settings{.bounds = bounds, .released = found.released};
+    const SearchSettings settings{.bounds = bounds, .released = found.released, .keep_going = how.keep_going};
     found.uncertainty = uncertainty(fit, found.result.T_camera_lidar, found.result.objective, settings);
     std::array<bool, 6> kept = found.released;
     for (int axis = 0; axis < 6; ++axis) {
@@ -52,7 +54,7 @@ Result<Found> search_observable(Frames fit, const RigidTransform& T, SearchResul
       found.result.delta.setZero();
       return found;
     }
-    auto again = search(fit, T, Method::standard, {.bounds = bounds, .released = kept});
+    auto again = search(fit, T, Method::standard, {.bounds = bounds, .released = kept, .keep_going = how.keep_going});
     if (!again) return tl::unexpected(again.error());
     evaluations += again->evaluations;
     found.result = *std::move(again);
@@ -79,7 +81,7 @@ Result<Objection> judge(const Candidate& candidate, const Gain& held_back, const
   if (auto no = contradicts_intensity(candidate)) return no;
   if (settings.normal)
     if (auto no = score_is_not_normal(candidate, *settings.normal)) return no;
-  return not_repeatable(candidate, evaluations);
+  return not_repeatable(candidate, settings.keep_going, evaluations);
 }
 
 }  // namespace
@@ -89,8 +91,8 @@ Result<Recalibration> recalibrate(Frames fit, Frames held_back, const RigidTrans
   if (fit.size() < 3 || held_back.size() < 2)
     return fail("too_few_pairs", std::to_string(fit.size()) + " pairs to fit and " + std::to_string(held_back.size()) +
                                      " held back; at least 3 and 2 are needed");
-  const SearchSettings rotation{.bounds = settings.bounds, .released = rotation_axes};
-  const SearchSettings everything{.bounds = settings.bounds};
+  const SearchSettings rotation{.bounds = settings.bounds, .released = rotation_axes, .keep_going = settings.keep_going};
+  const SearchSettings everything{.bounds = settings.bounds, .keep_going = settings.keep_going};
   const auto rotated = search(fit, T_camera_lidar, Method::standard, rotation);
   if (!rotated) return tl::unexpected(rotated.error());
   const auto moved = settings.translation ? search(fit, T_camera_lidar, Method::standard, everything) : rotated;
@@ -103,7 +105,7 @@ Result<Recalibration> recalibrate(Frames fit, Frames held_back, const RigidTrans
       gain(held_back, rotated->T_camera_lidar, moved->T_camera_lidar, objective).exceeds(settings.min_gain_sigmas);
   const auto found =
       search_observable(fit, T_camera_lidar, translated ? *moved : *rotated,
-                        translated ? everything.released : rotation.released, settings.bounds, result.evaluations);
+                        translated ? everything.released : rotation.released, settings, result.evaluations);
   if (!found) return tl::unexpected(found.error());
   result.moved = found->released;
   result.T_camera_lidar = found->result.T_camera_lidar;
@@ -125,6 +127,8 @@ Result<Recalibration> recalibrate(Frames fit, Frames held_back, const RigidTrans
   const Gain gained = gain(held_back, T_camera_lidar, result.T_camera_lidar, objective);
   auto objection = judge(candidate, gained, settings, result.evaluations);
   if (!objection) return tl::unexpected(objection.error());
+  if (settings.keep_going && !settings.keep_going())
+    return fail("cancelled", "the recalibration was ended before it was done");
   result.accepted = !objection->has_value();
   result.reason = result.accepted ? "better on pairs held back: " + held_back_in_words(gained) : std::move(**objection);
   if (any(found->left)) result.reason += "; not observable and left as it was: " + names_of(found->left);

@@ -46,6 +46,7 @@ using Objection = std::optional<std::string>;
 [[nodiscard]] Objection contradicts_intensity(const Candidate& candidate);
 [[nodiscard]] Objection score_is_not_normal(const Candidate& candidate, const NormalScore& normal);
 /// The only one that takes long. Fails as `search` does; `evaluations` is added to.
-[[nodiscard]] Result<Objection> not_repeatable(const Candidate& candidate, int& evaluations);
+[[nodiscard]] Result<Objection> not_repeatable(const Candidate& candidate, const std::function<bool()>& keep_going,
+                                               int& evaluations);
 
 }  // namespace calib

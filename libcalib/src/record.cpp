@@ -55,7 +55,7 @@ json record_json(const CalibrationRecord& record) {
   if (record.sigma)
     sigma = {{"rotation_rad", json_fields::array_of<3>(record.sigma->head<3>())},
              {"translation_m", json_fields::array_of<3>(record.sigma->tail<3>())}};
-  json object{{"schema", std::uint64_t{1}},
+  json object{{"schema", std::uint64_t{record.evidence_sha256.empty() ? 1U : 2U}},
               {"vehicle", record.vehicle},
               {"pair", record.pair},
               {"sequence", record.sequence},
@@ -74,6 +74,7 @@ json record_json(const CalibrationRecord& record) {
               {"wall_time", rfc3339_ns(record.wall_time)},
               {"boot_id", record.boot_id},
               {"boot_time_ns", std::to_string(record.boot_time.count())}};
+  if (!record.evidence_sha256.empty()) object["evidence_sha256"] = record.evidence_sha256;
   if (record.baseline) object["baseline"] = baseline_json(*record.baseline);
   return object;
 }
@@ -171,9 +172,9 @@ WallTime wall_time_from(const std::string& text) {
 }
 
 CalibrationRecord record_from(const json& object) {
-  constexpr std::size_t field_count = 19;  // and the baseline, of a record of that decision
-  require(object.at("schema").get_ref<const std::uint64_t&>() == 1,
-          "the schema is not 1, the only one this program knows");
+  const std::uint64_t schema = object.at("schema").get_ref<const std::uint64_t&>();
+  require(schema == 1 || schema == 2, "the schema is neither 1 nor 2, which this program knows");
+  const std::size_t field_count = 18 + schema;  // and the baseline, of a record of that decision
   CalibrationRecord record;
   record.vehicle = text_at(object, "vehicle");
   record.pair = text_at(object, "pair");
@@ -193,6 +194,7 @@ CalibrationRecord record_from(const json& object) {
   record.configuration_sha256 = sha256_at(object, "configuration_sha256");
   record.software_version = text_at(object, "software_version");
   record.software_sha256 = sha256_at(object, "software_sha256");
+  if (schema == 2) record.evidence_sha256 = sha256_at(object, "evidence_sha256");
   record.wall_time = wall_time_from(text_at(object, "wall_time"));
   record.boot_id = text_at(object, "boot_id");
   record.boot_time = std::chrono::nanoseconds(nanoseconds_from(text_at(object, "boot_time_ns")));

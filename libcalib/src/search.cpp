@@ -57,12 +57,12 @@ Result<Optimum> search_standard(SearchSteps& steps, const RigidTransform& T_star
   RigidTransform T = T_start;
   SearchBounds bounds = settings.bounds;
   if (settings.any_orientation) bounds.rotation_rad = std::numbers::pi;
-  steps.view().look_about(T, bounds);
+  steps.look_about(T, bounds);
   if (parameters != 0 && (settings.any_orientation || settings.bounds.rotation_rad > 2.5 * radians_per_degree)) {
     const auto found = steps.coarse();
     if (!found) return tl::unexpected(found.error());
     T = *found;
-    if (bounds.rotation_rad > near_rad) steps.view().look_about(T, {near_rad, bounds.translation_m});
+    if (bounds.rotation_rad > near_rad) steps.look_about(T, {near_rad, bounds.translation_m});
   }
   for (const int stage : parameters == 6 ? std::vector<int>{3, 6} : std::vector<int>{parameters}) {
     const Objective hill = objective_of({{.ranks_per_class = 8}}, stage == 6 ? 2 : 4);  // translation needs more points
@@ -71,7 +71,7 @@ Result<Optimum> search_standard(SearchSteps& steps, const RigidTransform& T_star
     T = *better;
     steps.tell(stage == parameters ? 0.7 : 0.6);
   }
-  steps.view().look_about(T, still_open(settings, parameters));
+  steps.look_about(T, still_open(settings, parameters));
   if (parameters == 6) return finish_six(steps, T);
   const Objective top = final_objective(Method::standard, settings.released);
   const auto found = steps.maximise_again(T, parameters, 0.3, top);
@@ -138,6 +138,7 @@ Result<SearchResult> search(Frames frames, const RigidTransform& T_camera_lidar,
                 "for any orientation roll, pitch and yaw must be released, and all of x, y, z or none");
   const auto found = method == Method::standard ? search_standard(steps, T_camera_lidar, settings)
                                                 : search_as_published(steps, T_camera_lidar, method, settings);
+  if (steps.cancelled()) return fail("cancelled", "the search was ended before it was done");
   if (!found) return tl::unexpected(found.error());
 
   SearchResult result;

@@ -20,13 +20,16 @@ bool all(const std::array<bool, 6>& released, int from, int to) {
 
 /// What is maximised by a coarse look around: information in all that is in view, not per point, because a view with
 /// few points left can score high by chance.
-std::vector<double> total_information(Frames frames, std::span<const RigidTransform> T, const Objective& objective) {
+std::vector<double> total_information(Frames frames, std::span<const RigidTransform> T, const Objective& objective,
+                                      const std::function<bool()>& cancelled) {
   std::vector<double> sums(T.size());
-  for (const FeatureSet* frame : frames)
+  for (const FeatureSet* frame : frames) {
+    if (cancelled()) break;
     for (std::size_t i = 0; i < T.size(); ++i) {
       const Score one = score(*frame, T[i], objective);
       sums[i] += (one.value - 1) * static_cast<double>(one.points);
     }
+  }
   return sums;
 }
 
@@ -50,6 +53,7 @@ Objective objective_of(std::initializer_list<Term> terms, int stride) {
 std::vector<double> SearchSteps::values(std::span<const RigidTransform> T, const Objective& objective) {
   evaluations_ += static_cast<int>(T.size());
   std::vector<double> values;
+  if (cancelled()) return std::vector<double>(T.size());
   for (const Score& score : mean_scores(view_.frames(), T, objective)) values.push_back(score.value);
   for (std::size_t i = 0; i < T.size(); ++i) {
     const Vector6 delta = delta_of(T[i]);
@@ -92,13 +96,14 @@ Result<RigidTransform> SearchSteps::coarse() {
     double value;
     RigidTransform T;
   };
+  const auto is_cancelled = [this] { return cancelled(); };
   std::vector<Candidate> places;
   constexpr std::size_t at_once = 512;
   for (std::size_t first = 0; first < grid.size(); first += at_once) {
     std::vector<RigidTransform> some;
     for (std::size_t i = first; i < std::min(grid.size(), first + at_once); ++i)
       some.push_back(T_start_ * RigidTransform(grid[i]));
-    const std::vector<double> information = total_information(few, some, quick);
+    const std::vector<double> information = total_information(few, some, quick, is_cancelled);
     for (std::size_t i = 0; i < some.size(); ++i) places.push_back({information[i], some[i]});
     tell(0.5 * static_cast<double>(first) / static_cast<double>(grid.size()));
   }
@@ -119,7 +124,7 @@ Result<RigidTransform> SearchSteps::coarse() {
   for (Candidate& place : best) {
     const auto climbed = maximise(place.T, 3, 0.4 * spacing / unit_of(0), hill, 60);
     if (!climbed) return climbed;
-    place = {total_information(view_.frames(), {&*climbed, 1}, hill).front(), *climbed};
+    place = {total_information(view_.frames(), {&*climbed, 1}, hill, is_cancelled).front(), *climbed};
   }
   return std::ranges::max_element(best, {}, &Candidate::value)->T;
 }

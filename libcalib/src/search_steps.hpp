@@ -23,9 +23,14 @@ class View {
  public:
   explicit View(Frames frames) : original_(frames), pointers_(frames.begin(), frames.end()) {}
 
-  void look_about(const RigidTransform& T, const SearchBounds& bounds) {
-    sets_.clear();
-    for (const FeatureSet* frame : original_) sets_.push_back(frame->about(T, bounds));
+  /// Nothing happens when `cancelled` says so before it is done.
+  void look_about(const RigidTransform& T, const SearchBounds& bounds, const std::function<bool()>& cancelled) {
+    std::vector<FeatureSet> sets;
+    for (const FeatureSet* frame : original_) {
+      if (cancelled()) return;
+      sets.push_back(frame->about(T, bounds));
+    }
+    sets_ = std::move(sets);
     pointers_.clear();
     for (const FeatureSet& set : sets_) pointers_.push_back(&set);
   }
@@ -50,7 +55,13 @@ class SearchSteps {
   SearchSteps(Frames frames, const RigidTransform& T_start, const SearchSettings& settings)
       : view_(frames), T_start_(T_start), settings_(settings) {}
 
-  View& view() { return view_; }
+  void look_about(const RigidTransform& T, const SearchBounds& bounds) {
+    view_.look_about(T, bounds, [this] { return cancelled(); });
+  }
+  /// Asks whether to go on. Once not, all scores are zero and cost nothing, so that every step soon comes to its end.
+  [[nodiscard]] bool cancelled() {
+    return cancelled_ = cancelled_ || (settings_.keep_going && !settings_.keep_going());
+  }
 
   /// The mean score less a penalty for leaving the bounds: they are a box in the LiDAR's own parameters, which is none
   /// in the search variables.
@@ -129,6 +140,7 @@ class SearchSteps {
   const SearchSettings& settings_;
   int evaluations_ = 0;
   bool exhausted_ = false;
+  bool cancelled_ = false;
 };
 
 }  // namespace calib

@@ -232,6 +232,25 @@ std::string SigningKey::sign(std::string_view bytes, std::string_view trusted_co
   return file;
 }
 
+std::string SigningKey::mac(std::string_view purpose, std::string_view bytes) const {
+  Secret derived(crypto_generichash_KEYBYTES);
+  // The first half of an Ed25519 secret key is its seed.
+  crypto_generichash(derived.bytes.data(), derived.bytes.size(), as_bytes(purpose), purpose.size(), secret_.data(),
+                     crypto_sign_SEEDBYTES);
+  std::array<std::uint8_t, crypto_generichash_BYTES> code;
+  crypto_generichash(code.data(), code.size(), as_bytes(bytes), bytes.size(), derived.bytes.data(),
+                     derived.bytes.size());
+  std::string text(2 * code.size() + 1, '\0');
+  sodium_bin2hex(text.data(), text.size(), code.data(), code.size());
+  text.pop_back();
+  return text;
+}
+
+bool SigningKey::is_mac(std::string_view purpose, std::string_view bytes, std::string_view mac) const {
+  const std::string expected = this->mac(purpose, bytes);
+  return mac.size() == expected.size() && sodium_memcmp(mac.data(), expected.data(), expected.size()) == 0;
+}
+
 SigningKey::SigningKey(SigningKey&& other) noexcept : id_(other.id_), secret_(other.secret_) {
   sodium_memzero(other.secret_.data(), other.secret_.size());
 }

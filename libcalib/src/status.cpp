@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "calib/axis_words.hpp"
+#include "calib/json_integer.hpp"
 #include "calib/record.hpp"
 #include "json_fields.hpp"
 
@@ -15,13 +16,23 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::array<Verdict, 4> verdicts{Verdict::not_evaluated, Verdict::calibrated, Verdict::suspect,
-                                          Verdict::drifted};
 constexpr double cm_per_m = 100;
 
 template <typename T>
 json or_null(const std::optional<T>& value) {
   return value ? json(*value) : json();
+}
+
+double seconds(std::chrono::nanoseconds duration) { return std::chrono::duration<double>(duration).count(); }
+
+json grounds_json(const Grounds& grounds) {
+  return {{"pairs", grounds.pairs},
+          {"boot_id", grounds.taken.boot_id},
+          {"since_boot_s", seconds(grounds.taken.since_boot)},
+          {"lifetime_s", seconds(grounds.lifetime)},
+          {"evidence_sha256", grounds.evidence_sha256},
+          {"baseline_sha256", grounds.baseline_sha256},
+          {"not_written", or_null(grounds.not_written)}};
 }
 
 json input_json(const PairStatus::Input& input) { return {{"topic", input.topic}, {"age_s", or_null(input.age_s)}}; }
@@ -74,6 +85,7 @@ json pair_json(const PairStatus& pair) {
   json object{{"name", pair.name},
               {"verdict", to_string(pair.verdict)},
               {"reason", pair.reason},
+              {"evidence", pair.grounds ? grounds_json(*pair.grounds) : json()},
               {"since", rfc3339(pair.since)},
               {"last_evaluated", pair.last_evaluated ? json(rfc3339(*pair.last_evaluated)) : json()},
               {"evaluated", pair.evaluated},
@@ -119,6 +131,21 @@ Verdict verdict_from(const json& value) {
   return *verdict;
 }
 
+std::chrono::nanoseconds duration_from(const json& value) {
+  const double seconds = value.get<double>();
+  if (!(std::abs(seconds) < 1e9)) throw std::invalid_argument("a duration is out of range");
+  return std::chrono::round<std::chrono::nanoseconds>(std::chrono::duration<double>(seconds));
+}
+
+Grounds grounds_from(const json& object) {
+  return {integer_from<std::uint64_t>(object.at("pairs")),
+          {object.at("boot_id").get<std::string>(), duration_from(object.at("since_boot_s"))},
+          duration_from(object.at("lifetime_s")),
+          object.at("evidence_sha256").get<std::string>(),
+          object.at("baseline_sha256").get<std::string>(),
+          optional_from<std::string>(object.at("not_written"))};
+}
+
 PairStatus::Misalignment misalignment_from(const json& object) {
   const auto six = [&](const char* rotation_deg, const char* translation_cm) {
     Vector6 values;
@@ -150,11 +177,14 @@ PairStatus pair_from(const json& object) {
   pair.name = object.at("name").get<std::string>();
   pair.verdict = verdict_from(object.at("verdict"));
   pair.reason = object.at("reason").get<std::string>();
+  // A snapshot of an earlier calibd lacks it: its verdict rests on nothing that could be checked.
+  if (const auto grounds = object.find("evidence"); grounds != object.end() && !grounds->is_null())
+    pair.grounds = grounds_from(*grounds);
   pair.since = time_from(object.at("since"));
   if (const json& last = object.at("last_evaluated"); !last.is_null()) pair.last_evaluated = time_from(last);
-  pair.evaluated = object.at("evaluated").get<std::uint64_t>();
+  pair.evaluated = integer_from<std::uint64_t>(object.at("evaluated"));
   for (const auto& [reason, count] : object.at("skipped").get_ref<const json::object_t&>())
-    pair.skipped[reason] = count.get<std::uint64_t>();
+    pair.skipped[reason] = integer_from<std::uint64_t>(count);
   if (const json& score = object.at("score"); !score.is_null())
     pair.score = {score.at("current").get<double>(), score.at("best_neighbour").get<double>(),
                   optional_from<double>(score.at("baseline"))};
@@ -166,9 +196,9 @@ PairStatus pair_from(const json& object) {
   pair.T_camera_lidar = json_fields::transform_from(object.at("T_camera_lidar"));
   if (const json& proposed = object.at("proposed"); !proposed.is_null())
     pair.proposed = {json_fields::transform_from(proposed.at("T_camera_lidar")),
-                     proposed.at("record_sequence").get<std::uint64_t>()};
+                     integer_from<std::uint64_t>(proposed.at("record_sequence"))};
   if (const json& record = object.at("record"); !record.is_null())
-    pair.record = {record.at("sequence").get<std::uint64_t>(), record.at("key_id").get<std::string>(),
+    pair.record = {integer_from<std::uint64_t>(record.at("sequence")), record.at("key_id").get<std::string>(),
                    record.at("verified").get<bool>(), time_from(record.at("created"))};
   const json& inputs = object.at("inputs");
   pair.image = input_from(inputs.at("image"));
@@ -188,26 +218,6 @@ std::string axis_in_words(const PairStatus& pair, int axis) {
                            : "not known yet";
 }
 
-std::string_view to_string(Verdict verdict) {
-  switch (verdict) {
-    case Verdict::not_evaluated:
-      return "not_evaluated";
-    case Verdict::calibrated:
-      return "calibrated";
-    case Verdict::suspect:
-      return "suspect";
-    case Verdict::drifted:
-      return "drifted";
-  }
-  return "";
-}
-
-Result<Verdict> parse_verdict(std::string_view text) {
-  const auto found = std::ranges::find_if(verdicts, [&](Verdict verdict) { return to_string(verdict) == text; });
-  if (found == verdicts.end()) return fail("bad_verdict", "'" + std::string(text) + "' is not a verdict");
-  return *found;
-}
-
 json to_json(const Status& status) {
   json pairs = json::array();
   for (const PairStatus& pair : status.pairs) pairs.push_back(pair_json(pair));
@@ -215,7 +225,16 @@ json to_json(const Status& status) {
           {"vehicle", status.vehicle},
           {"daemon", {{"running", status.running}, {"version", status.version}, {"uptime_s", status.uptime_s}}},
           {"pairs", pairs},
+          {"records", {{"missing", or_null(status.records_missing)}}},
           {"feed", {{"queued", status.feed_queued}}}};
+}
+
+void expire(Status& status, const BootTime& now) {
+  for (PairStatus& pair : status.pairs) {
+    Claim now_said = claim({pair.verdict, std::move(pair.reason)}, pair.grounds, now);
+    pair.verdict = now_said.verdict;
+    pair.reason = std::move(now_said.reason);
+  }
 }
 
 Result<Status> parse_status(const json& object) {
@@ -228,7 +247,9 @@ Result<Status> parse_status(const json& object) {
     status.version = daemon.at("version").get<std::string>();
     status.uptime_s = daemon.at("uptime_s").get<double>();
     for (const json& pair : object.at("pairs").get_ref<const json::array_t&>()) status.pairs.push_back(pair_from(pair));
-    status.feed_queued = object.at("feed").at("queued").get<std::uint64_t>();
+    status.feed_queued = integer_from<std::uint64_t>(object.at("feed").at("queued"));
+    if (const auto records = object.find("records"); records != object.end())
+      status.records_missing = optional_from<std::string>(records->at("missing"));
     return status;
   } catch (const std::exception& error) {
     return fail("malformed_status", std::string("this is not a status of calibd: ") + error.what());

@@ -1,12 +1,20 @@
 #include "calib/store.hpp"
 
+#include <fcntl.h>
 #include <sqlite3.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <cstring>
 
 namespace calib {
 namespace {
 
 constexpr int schema_version = 1;
-constexpr int busy_timeout_ms = 5000;
+constexpr int reader_patience_ms = 5000, writer_patience_ms = 250;
+constexpr std::array<const char*, 3> file_endings{"", "-wal", "-shm"};
 
 // AUTOINCREMENT keeps the highest alert sequence ever given, also when the outbox is empty again.
 constexpr const char* schema = R"sql(
@@ -97,6 +105,59 @@ Result<void> prepare_for_writing(sqlite3* database) {
   return {};
 }
 
+/// Everything that a schema defines, in its own words.
+Result<std::string> schema_of(sqlite3* database) {
+  Statement query(database, "SELECT type, name, tbl_name, sql FROM sqlite_master ORDER BY type, name");
+  std::string all;
+  for (;;) {
+    const auto row = query.step();
+    if (!row) return tl::unexpected(row.error());
+    if (!*row) return all;
+    for (int column = 0; column < 4; ++column) all += query.text(column) + '\n';
+  }
+}
+
+/// A view or a virtual table in the place of a table could have no end; a trigger could do anything.
+Result<void> require_own_schema(sqlite3* database, const std::filesystem::path& file) {
+  sqlite3* memory = nullptr;
+  const int opened = sqlite3_open(":memory:", &memory);
+  const std::unique_ptr<sqlite3, int (*)(sqlite3*)> own(memory, sqlite3_close_v2);
+  if (opened != SQLITE_OK) return tl::unexpected(store_error(memory));
+  if (auto made = run(memory, schema); !made) return made;
+  const auto expected = schema_of(memory), found = schema_of(database);
+  if (!expected) return tl::unexpected(expected.error());
+  if (!found) return tl::unexpected(found.error());
+  if (*found != *expected)
+    return fail("store_failed", file.string() + " has other tables than a store of calibd; move it away");
+  return {};
+}
+
+/// Makes the file for its owner alone, or takes it back from others: SQLite gives its log files the same rights.
+Result<void> keep_for_owner(const std::filesystem::path& file) {
+  const int made = ::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NONBLOCK, 0600);
+  if (made < 0) return fail("store_failed", file.string() + ": " + std::strerror(errno));
+  ::close(made);
+  for (const char* ending : file_endings)
+    if (::chmod((file.string() + ending).c_str(), 0600) != 0 && errno != ENOENT)
+      return fail("store_failed", file.string() + ending + ": " + std::strerror(errno));
+  return {};
+}
+
+std::uint64_t inode_of(const std::string& file) {
+  struct stat about {};
+  return ::stat(file.c_str(), &about) == 0 ? about.st_ino : 0;
+}
+
+Result<std::vector<Store::Alert>> alerts_of(Statement& query) {
+  std::vector<Store::Alert> alerts;
+  for (;;) {
+    const auto row = query.step();
+    if (!row) return tl::unexpected(row.error());
+    if (!*row) return alerts;
+    alerts.push_back({query.number(0), query.text(1)});
+  }
+}
+
 /// Alerts leave the outbox oldest first: those that wait are consecutive and need no counting one by one.
 constexpr const char* count_waiting =
     "SELECT (SELECT max(sequence) FROM outbox) - (SELECT min(sequence) FROM outbox) + 1";
@@ -111,6 +172,8 @@ Result<Store> Store::open(const std::filesystem::path& file, Mode mode) {
     return fail("store_not_found",
                 file.string() + " does not exist or may not be looked up; has calibd run?");
 
+  if (mode == Mode::read_write)
+    if (auto kept = keep_for_owner(file); !kept) return tl::unexpected(kept.error());
   sqlite3* opened = nullptr;
   const int access =
       mode == Mode::read_only ? SQLITE_OPEN_READONLY : SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE;
@@ -118,7 +181,7 @@ Result<Store> Store::open(const std::filesystem::path& file, Mode mode) {
   Store store;
   store.database_.reset(opened);
   if (code != SQLITE_OK) return tl::unexpected(store_error(opened));
-  sqlite3_busy_timeout(opened, busy_timeout_ms);
+  sqlite3_busy_timeout(opened, mode == Mode::read_only ? reader_patience_ms : writer_patience_ms);
 
   // A file's own schema may not call functions behind the back of a program that runs as root.
   if (const auto set = run(opened, "PRAGMA trusted_schema = OFF"); !set) return tl::unexpected(set.error());
@@ -135,11 +198,21 @@ Result<Store> Store::open(const std::filesystem::path& file, Mode mode) {
       return fail("store_version", file.string() + " has schema version " + std::to_string(*version) +
                                        ", this program knows " + std::to_string(schema_version) +
                                        "; use the calibd that wrote it or a newer one");
-    return {};
+    return require_own_schema(opened, file);
   };
   const Result<void> ready = mode == Mode::read_write ? store.in_transaction(make_schema) : make_schema();
   if (!ready) return tl::unexpected(ready.error());
+  store.log_inode_ = inode_of(file.string() + "-wal");
   return store;
+}
+
+Result<void> Store::still_there() const {
+  int moved = 0;
+  sqlite3_file_control(database_.get(), "main", SQLITE_FCNTL_HAS_MOVED, &moved);
+  const std::string file = sqlite3_db_filename(database_.get(), "main");
+  if (moved != 0 || (log_inode_ != 0 && inode_of(file + "-wal") != log_inode_))
+    return fail("store_moved", file + " was removed or replaced while it was in use; calibd must be started again");
+  return {};
 }
 
 Result<void> Store::in_transaction(const std::function<Result<void>()>& body) {
@@ -152,6 +225,7 @@ Result<void> Store::in_transaction(const std::function<Result<void>()>& body) {
     roll_back();
     throw;
   }
+  if (done && log_inode_ != 0) done = still_there();
   if (done) done = run(database_.get(), "COMMIT");
   if (!done) roll_back();
   return done;
@@ -201,10 +275,10 @@ Result<std::uint64_t> Store::next_alert_sequence() const {
 Result<std::uint64_t> Store::enqueue_alert(std::string_view json) {
   const auto waiting = waiting_alert_count();
   if (!waiting) return waiting;
-  if (*waiting >= max_waiting_alerts)
-    return fail("feed_full", std::to_string(*waiting) +
-                                 " alerts wait for delivery and no more are kept; let the feed "
-                                 "deliver them, or move the store away with calibd stopped");
+  if (*waiting >= max_waiting_alerts) {
+    Statement make_room(database_.get(), "DELETE FROM outbox WHERE sequence = (SELECT min(sequence) FROM outbox)");
+    if (const auto made = make_room.execute(); !made) return tl::unexpected(made.error());
+  }
   Statement insert(database_.get(), "INSERT INTO outbox(json) VALUES(?)");
   const auto done = insert.bind(json).execute();
   if (!done) return tl::unexpected(done.error());
@@ -213,14 +287,13 @@ Result<std::uint64_t> Store::enqueue_alert(std::string_view json) {
 
 Result<std::vector<Store::Alert>> Store::waiting_alerts(std::size_t limit) const {
   Statement query(database_.get(), "SELECT sequence, json FROM outbox ORDER BY sequence LIMIT ?");
-  query.bind(std::uint64_t{limit});
-  std::vector<Alert> alerts;
-  for (;;) {
-    const auto row = query.step();
-    if (!row) return tl::unexpected(row.error());
-    if (!*row) return alerts;
-    alerts.push_back({query.number(0), query.text(1)});
-  }
+  return alerts_of(query.bind(std::uint64_t{limit}));
+}
+
+Result<std::vector<Store::Alert>> Store::latest_alerts(std::size_t limit) const {
+  Statement query(database_.get(),
+                  "SELECT * FROM (SELECT sequence, json FROM outbox ORDER BY sequence DESC LIMIT ?) ORDER BY sequence");
+  return alerts_of(query.bind(std::uint64_t{limit}));
 }
 
 Result<std::uint64_t> Store::waiting_alert_count() const {

@@ -106,6 +106,7 @@ Uncertainty uncertainty(Frames frames, const RigidTransform& T_camera_lidar, con
   Slopes mean;
   const auto n = static_cast<double>(frames.size());
   for (const FeatureSet* frame : frames) {
+    if (settings.keep_going && !settings.keep_going()) return result;
     all.push_back(slopes(*frame, T_camera_lidar, pivot, objective, settings, scale));
     mean.gradient += all.back().gradient / n;
     mean.hessian += all.back().hessian / n;

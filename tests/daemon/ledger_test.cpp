@@ -18,7 +18,7 @@ const Provenance provenance{"car", std::string(64, 'c'), "1.2.3", std::string(64
 struct Garage {
   Garage() { test::require_ok(SigningKey::generate().save(key_file)); }
   [[nodiscard]] Result<Ledger> open() const {
-    return Ledger::open(folder.path(), test::require_ok(SigningKey::load(key_file)), provenance);
+    return Ledger::open(folder.path(), folder.path(), test::require_ok(SigningKey::load(key_file)), provenance);
   }
   test::TemporaryFolder folder;
   std::filesystem::path key_file = folder.path() / "signing.key";
@@ -115,7 +115,7 @@ TEST_CASE("an alert comes back as it was enqueued, numbered without a gap") {
       REQUIRE(ledger.write("front", {}, {{}, alert_of(verdict)}, moment));
   }
   const auto ledger = test::require_ok(garage.open());
-  const auto waiting = test::require_ok(ledger.waiting_alerts(10));
+  const auto waiting = test::require_ok(ledger.latest_alerts(10)).alerts;
   REQUIRE(waiting.size() == 2);
   CHECK(ledger.waiting_alert_count() == 2);
   CHECK(waiting[1].alert_sequence == waiting[0].alert_sequence + 1);
@@ -164,7 +164,7 @@ TEST_CASE("a ledger signed by another key does not open") {
     auto ledger = test::require_ok(garage.open());
     REQUIRE(ledger.write("front", {}, {decided(Decision::initial, 1), {}}, moment));
   }
-  const auto opened = Ledger::open(garage.folder.path(), SigningKey::generate(), provenance);
+  const auto opened = Ledger::open(garage.folder.path(), garage.folder.path(), SigningKey::generate(), provenance);
   REQUIRE_FALSE(opened);
   CHECK(opened.error().code == "wrong_key");
 }

@@ -6,6 +6,8 @@ using namespace calib;
 using namespace calib::test;
 using namespace std::chrono_literals;
 using Catch::Matchers::ContainsSubstring;
+using Catch::Matchers::EndsWith;
+using Catch::Matchers::StartsWith;
 
 namespace {
 
@@ -80,7 +82,7 @@ TEST_CASE(
              ContainsSubstring("has not stood its probation: surely worse: over"));
   CHECK(scenario.error_deg(Vector6::Zero()) < 1e-6);
   CHECK(scenario.watch().state().refusals == 1);
-  scenario.drive(1);
+  scenario.drive(least_pairs_to_confirm);
   CHECK(scenario.verdict() == Verdict::calibrated);
   CHECK(scenario.records(Decision::baseline) == 0);  // that of before is good enough
 }
@@ -100,31 +102,77 @@ TEST_CASE("where the objective has a false hill far away, nothing is signed that
     CHECK(scenario.verdict() == Verdict::drifted);
 }
 
-TEST_CASE("a restart in the middle of a drift forgets nothing") {
+TEST_CASE("a restart in the middle of a drift forgets no evidence, and claims nothing before it has evidence again") {
   PairScenario straight({.mode = RecalibrationMode::propose}), restarted({.mode = RecalibrationMode::propose});
   const World knocked{.motion = moved(0, 0.3, 0)};
+  const auto evidence = [](PairScenario& scenario) {
+    PairState only;
+    only.drift = scenario.watch().state().drift;
+    return to_text(only);
+  };
   for (int window = 0; window < 40; ++window) {
     straight.drive(1, knocked);
     restarted.drive(1, knocked);
-    if (window % 3 == 0) restarted.restart();
-    REQUIRE(restarted.verdict() == straight.verdict());
-    REQUIRE(restarted.watch().state().since == straight.watch().state().since);
+    REQUIRE(evidence(restarted) == evidence(straight));
+    // The first two pairs of a run confirm no verdict that all is well.
+    if (window % 4 >= 2 || straight.verdict() != Verdict::calibrated) REQUIRE(restarted.verdict() == straight.verdict());
+    if (window >= 4 && window % 4 < 2) REQUIRE(restarted.status().verdict != Verdict::calibrated);
+    if (window % 4 == 3) {
+      restarted.restart();
+      REQUIRE(restarted.status().verdict == Verdict::not_evaluated);
+      REQUIRE_THAT(restarted.status().reason, StartsWith("starting: no pair was evaluated since calibd started"));
+      REQUIRE_THAT(restarted.status().reason, EndsWith("when last evaluated"));
+    }
   }
-  CHECK(restarted.alerts() == straight.alerts());
   CHECK(straight.alerts(Verdict::drifted) == 1);
+  CHECK(restarted.alerts(Verdict::drifted) >= 1);
   CHECK(restarted.records(Decision::baseline) == 0);
 }
 
-TEST_CASE("when the saved state cannot be read the signed baseline is gone on from") {
+TEST_CASE("when the saved state cannot be trusted the signed baseline is gone on from") {
   PairScenario scenario;
-  scenario.restart("UPDATE state SET json = 'spoilt'");
+  scenario.restart(GENERATE(as<std::string>(), "UPDATE state SET json = 'spoilt'",
+                            // A baseline that calls a LiDAR that is half a degree off normal.
+                            "UPDATE state SET json = replace(json, '\"slope\":[', '\"slope\":[1')",
+                            "UPDATE state SET json = replace(json, '\"verdict\":\"calibrated\"', '\"verdict\":\"drifted\"')"));
   REQUIRE(scenario.journal().size() == 1);
-  CHECK_THAT(scenario.journal()[0], ContainsSubstring("its baseline is that of the records"));
+  CHECK_THAT(scenario.journal()[0], ContainsSubstring("was not written by calibd with this signing key"));
+  CHECK_THAT(scenario.journal()[0], ContainsSubstring("the baseline is that of the records"));
   CHECK(scenario.verdict() == Verdict::not_evaluated);
-  scenario.drive(1);
+  scenario.drive(least_pairs_to_confirm);
   CHECK(scenario.verdict() == Verdict::calibrated);
   CHECK(scenario.drive_until(Verdict::drifted, 20, {.motion = moved(0, 0, 0.5)}) <= 8);
   CHECK(scenario.records(Decision::baseline) == 0);
+}
+
+TEST_CASE("evidence that was measured with something else is set aside, and never signed as a baseline") {
+  PairScenario scenario({.learned = false});
+  scenario.drive(19);
+  const std::string other(64, 'f');
+  scenario.restart("", other);
+  REQUIRE(scenario.journal().size() == 1);
+  CHECK_THAT(scenario.journal()[0], ContainsSubstring("another configuration, depth model or calibd; the baseline is "
+                                                      "learned anew"));
+  scenario.drive(19);
+  CHECK(scenario.records(Decision::baseline) == 0);
+  scenario.drive(1);
+  CHECK(scenario.records(Decision::baseline) == 1);
+  CHECK(scenario.verdict() == Verdict::calibrated);
+  CHECK(scenario.last_record().evidence_sha256 == other);
+  // Back again: the baseline of the other one does not count either.
+  scenario.restart("", std::string(64, 'e'));
+  scenario.drive(10);
+  CHECK(scenario.status().verdict == Verdict::not_evaluated);
+}
+
+TEST_CASE("a record that was cut off is noticed, and evidence of later than the records is set aside") {
+  PairScenario scenario;
+  scenario.restart("DELETE FROM record WHERE sequence = (SELECT max(sequence) FROM record)");
+  REQUIRE(scenario.status().verdict == Verdict::not_evaluated);
+  CHECK_THAT(scenario.journal().at(0), ContainsSubstring("is of another time than the records"));
+  CHECK(scenario.drive_until(Verdict::calibrated, 5) <= 5);
+  scenario.drive(120);
+  CHECK_THAT(scenario.last_record().reason, ContainsSubstring(", which calibd had written, are missing"));
 }
 
 TEST_CASE("what was in force can be again, and nothing else") {

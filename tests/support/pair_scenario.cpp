@@ -111,20 +111,25 @@ PairScenario::PairScenario(const Settings& settings) {
     require_ok(SigningKey::generate().save(folder_.path() / "signing.key"));
   }
   open();
-  if (settings.learned) first_record_ = ledger_->next_sequence();
+  if (!settings.learned) return;
+  drive(least_pairs_to_confirm);  // this run has to see for itself
+  alerts_.clear();
+  journal_.clear();
+  first_record_ = ledger_->next_sequence();
 }
 
 PairScenario::~PairScenario() = default;
 
 void PairScenario::open() {
   ledger_.emplace(require_ok(
-      Ledger::open(folder_.path(), require_ok(SigningKey::load(folder_.path() / "signing.key")), provenance)));
+      Ledger::open(folder_.path(), folder_.path(), require_ok(SigningKey::load(folder_.path() / "signing.key")),
+                   provenance)));
   const PairListener listener{
       .alert = [this](const DriftAlert& alert) { alerts_.push_back(alert.verdict); },
       .journal = [this](int, std::string_view, const std::string& text) { journal_.push_back(text); },
       .extrinsic_changed = [] {}};
   watch_ = require_ok(PairWatch::take_over(
-      config_, config_.pairs[0], std::make_unique<StereoCamera>(world_), *ledger_, [this] { return now_; }, listener));
+      config_, config_.pairs[0], evidence_sha256_, std::make_unique<StereoCamera>(world_), *ledger_, [this] { return now_; }, listener));
 }
 
 void PairScenario::save(const std::filesystem::path& folder) {
@@ -135,7 +140,8 @@ void PairScenario::save(const std::filesystem::path& folder) {
   open();
 }
 
-void PairScenario::restart(const std::string& sql) {
+void PairScenario::restart(const std::string& sql, const std::string& evidence_sha256) {
+  if (!evidence_sha256.empty()) evidence_sha256_ = evidence_sha256;
   watch_.reset();
   ledger_.reset();
   if (!sql.empty()) {
@@ -174,7 +180,7 @@ PairMonitor::Evidence PairScenario::measure(int frame, const World& world) {
 void PairScenario::observe(PairMonitor::Evidence evidence) {
   pass_time();
   evidence.features.stamp = windows_ * period;
-  watch_->observe(std::move(evidence));
+  watch_->observe(std::move(evidence), now_);
   watch_->conclude();
 }
 
@@ -216,6 +222,10 @@ int PairScenario::records(Decision decision) const {
   for (std::uint64_t i = first_record_; i < ledger_->next_sequence(); ++i)
     count += require_ok(ledger_->find("front", i)).decision == decision;
   return count;
+}
+
+CalibrationRecord PairScenario::last_record() const {
+  return require_ok(ledger_->find("front", ledger_->next_sequence() - 1));
 }
 
 std::string PairScenario::reason(Decision decision) const {

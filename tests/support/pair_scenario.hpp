@@ -68,8 +68,9 @@ class PairScenario {
   /// What a frame of the block shows in this world to a pair that still learns, and a window in which just that comes.
   [[nodiscard]] PairMonitor::Evidence measure(int frame, const World& world);
   void observe(PairMonitor::Evidence evidence);
-  /// calibd ends and starts again. `sql` is done to its store in between.
-  void restart(const std::string& sql = "");
+  /// calibd ends and starts again. `sql` is done to its store in between; with another digest it measures with something
+  /// else from then on.
+  void restart(const std::string& sql = "", const std::string& evidence_sha256 = "");
   /// Leaves a copy of the store and its key in `folder`.
   void save(const std::filesystem::path& folder);
 
@@ -79,6 +80,7 @@ class PairScenario {
   [[nodiscard]] int records(Decision decision) const;
   /// Of the last record with that decision.
   [[nodiscard]] std::string reason(Decision decision) const;
+  [[nodiscard]] CalibrationRecord last_record() const;
   [[nodiscard]] const std::vector<std::string>& journal() const { return journal_; }
 
   [[nodiscard]] PairWatch& watch() { return *watch_; }
@@ -99,6 +101,7 @@ class PairScenario {
 
   TemporaryFolder folder_;
   Config config_;
+  std::string evidence_sha256_ = std::string(64, 'e');
   World world_;  // at present
   std::optional<Ledger> ledger_;
   std::unique_ptr<PairWatch> watch_;

@@ -1,5 +1,6 @@
 #include <iostream>
 
+#include "calib/json_integer.hpp"
 #include "commands.hpp"
 #include "control_client.hpp"
 #include "text.hpp"
@@ -45,11 +46,11 @@ Result<bool> show_answer(const json& reply, const std::string& pair) {
               verdict == "rejected" ? Colour::yellow : Colour::green);
     text.line("Reason", reply.at("reason").get<std::string>());
     if (const json& record = reply.at("record"); !record.is_null())
-      text.line("Record", std::to_string(record.get<std::uint64_t>()));
+      text.line("Record", std::to_string(integer_from<std::uint64_t>(record)));
     if (reply.contains("result")) result_lines(text, reply.at("result"));
     std::cout << text.str();
     return verdict != "rejected";
-  } catch (const json::exception& error) {
+  } catch (const std::exception& error) {
     return fail("malformed_reply",
                 std::string("calibd answered in a form that is not understood: ") + error.what());
   }

@@ -39,6 +39,8 @@ struct RecalibrationSettings {
   std::optional<Expectation> expected = {};
   /// Nothing where none was learned, or where the extrinsic was wrong when it was.
   std::optional<NormalScore> normal = {};
+  /// As of `SearchSettings`.
+  std::function<bool()> keep_going = {};
 };
 
 /// What a search for the extrinsic found. It is a value like any other: `accepted` says whether it may be used.
@@ -75,7 +77,7 @@ struct Recalibration {
 /// - searches from other starts end at the same place.
 /// Deterministic.
 ///
-/// Fails with `too_few_pairs` below three frames to fit or two held back, and as `search` does.
+/// Fails with `too_few_pairs` below three frames to fit or two held back, with `cancelled`, and as `search` does.
 [[nodiscard]] Result<Recalibration> recalibrate(Frames fit, Frames held_back, const RigidTransform& T_camera_lidar,
                                                 const RecalibrationSettings& settings);
 

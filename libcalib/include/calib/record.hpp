@@ -70,10 +70,13 @@ struct CalibrationRecord {
   std::optional<Baseline> baseline;
   /// Sensor time stamps (nanoseconds) of the images used, fit and held back.
   std::vector<std::int64_t> frame_stamps_ns;
-  /// SHA-256 (lower-case hex) of the configuration file's bytes and of the program's file.
+  /// SHA-256 (lower-case hex) of the configuration file's bytes and of the program's build id.
   std::string configuration_sha256;
   std::string software_version;
   std::string software_sha256;
+  /// Digest of what the pair's evidence is measured with: its sensors, lens and depth source as configured, the depth
+  /// model, the software. Two records with the same one may be compared. Empty in a record of schema 1, which lacks it.
+  std::string evidence_sha256;
   /// When it was decided: UTC, and the boot it happened in with the time since that boot.
   WallTime wall_time{};
   std::string boot_id;

@@ -39,6 +39,9 @@ struct SearchSettings {
   std::array<bool, 6> released{true, true, true, true, true, true};
   /// Called with a share of the work done, 0 .. 1, now and then. May be empty.
   std::function<void(double)> progress = {};
+  /// Called before each evaluation, some milliseconds apart; false ends the work, which then fails with `cancelled`. May
+  /// be empty.
+  std::function<bool()> keep_going = {};
 };
 
 /// Where a search ended.
@@ -82,7 +85,7 @@ struct Uncertainty {
 /// At the optimum `T_camera_lidar` of `objective`. Directions that the frames tell nothing of are as uncertain as the
 /// bounds are wide; with all six axes released that is said of turns about the point ahead, so that the LiDAR's own
 /// place may be less certain than its bounds. Axes that are not released have no standard deviation. One frame has no
-/// scatter: the covariances are zero then, and no axis is observable.
+/// scatter: the covariances are zero then, and no axis is observable; the same when `keep_going` ends it.
 [[nodiscard]] Uncertainty uncertainty(Frames frames, const RigidTransform& T_camera_lidar, const Objective& objective,
                                       const SearchSettings& settings = {});
 

@@ -33,6 +33,11 @@ class SigningKey {
   [[nodiscard]] PublicKey public_key() const;
   /// A minisign signature file (pre-hashed, `ED`) over `bytes`, with a trusted comment of one line.
   [[nodiscard]] std::string sign(std::string_view bytes, std::string_view trusted_comment) const;
+  /// A message authentication code over `bytes`, 64 hex digits, that only the holder of this key can make: for what its
+  /// writer alone reads back. Keyed BLAKE2b with a key derived for `purpose`, so that codes of one purpose are worth
+  /// nothing for another.
+  [[nodiscard]] std::string mac(std::string_view purpose, std::string_view bytes) const;
+  [[nodiscard]] bool is_mac(std::string_view purpose, std::string_view bytes, std::string_view mac) const;
 
   SigningKey(SigningKey&&) noexcept;
   SigningKey& operator=(SigningKey&&) noexcept;

@@ -7,17 +7,11 @@
 #include <string>
 #include <vector>
 
+#include "calib/claim.hpp"
 #include "calib/geometry.hpp"
 #include "calib/wall_time.hpp"
 
 namespace calib {
-
-/// The state of a pair's calibration. `not_evaluated` is a normal state, always with a reason, never shown as
-/// OK.
-enum class Verdict { not_evaluated, calibrated, suspect, drifted };
-
-[[nodiscard]] std::string_view to_string(Verdict verdict);
-[[nodiscard]] Result<Verdict> parse_verdict(std::string_view text);
 
 /// Everything calibd says about itself, collected once; every output (JSON, terminal, diagnostics) formats
 /// this.
@@ -25,6 +19,8 @@ struct PairStatus {
   std::string name;
   Verdict verdict = Verdict::not_evaluated;
   std::string reason;
+  /// What the verdict rests on; nothing while this process has evaluated no pair at the extrinsic in force.
+  std::optional<Grounds> grounds;
   WallTime since{};
   std::optional<WallTime> last_evaluated;
   std::uint64_t evaluated = 0;
@@ -83,7 +79,12 @@ struct Status {
   double uptime_s = 0;
   std::vector<PairStatus> pairs;
   std::uint64_t feed_queued = 0;
+  /// Records that calibd had written and that are in the store no more, in words.
+  std::optional<std::string> records_missing;
 };
+
+/// Applies `claim` to each pair at `now`: to be done whenever a status is shown that was collected before.
+void expire(Status& status, const BootTime& now);
 
 /// The form of proto/status.schema.json; angles in degrees, translations of `misalignment` in centimetres,
 /// times as RFC 3339 UTC.

@@ -27,11 +27,13 @@ class Store {
  public:
   enum class Mode { read_only, read_write };
   /// Opens `file`, making it when `read_write`. Fails with `store_not_found` or `store_failed`; a file of a
-  /// newer schema is refused with `store_version`.
+  /// newer schema is refused with `store_version`. A writer takes the file from everybody else (mode 0600): whoever
+  /// may read it may lock it, and so stop the writer.
   [[nodiscard]] static Result<Store> open(const std::filesystem::path& file, Mode mode);
 
   /// Runs `body` in one transaction: all of its writes become durable together, or none when it fails. Not
-  /// nested.
+  /// nested. Waits no longer than a quarter of a second for another program's lock. Fails with `store_moved` when the
+  /// file was removed or replaced since it was opened: what is written then is lost with this process.
   [[nodiscard]] Result<void> in_transaction(const std::function<Result<void>()>& body);
 
   /// Appends a record. Fails with `broken_chain` when `sequence` is not the last one plus 1.
@@ -53,11 +55,14 @@ class Store {
   };
   /// The sequence the next `enqueue_alert` will give.
   [[nodiscard]] Result<std::uint64_t> next_alert_sequence() const;
-  /// Fails with `feed_full` when `max_waiting_alerts` wait: none is dropped silently to make room.
+  /// When `max_waiting_alerts` wait, the oldest makes room: an outbox that nobody empties stops nothing else. The gap
+  /// shows in the numbers.
   [[nodiscard]] Result<std::uint64_t> enqueue_alert(std::string_view json);
   static constexpr std::uint64_t max_waiting_alerts = 100'000;
   /// Up to `limit` waiting alerts, oldest first.
   [[nodiscard]] Result<std::vector<Alert>> waiting_alerts(std::size_t limit) const;
+  /// The last `limit` of them, oldest first.
+  [[nodiscard]] Result<std::vector<Alert>> latest_alerts(std::size_t limit) const;
   [[nodiscard]] Result<std::uint64_t> waiting_alert_count() const;
   /// Forgets alerts up to and including `sequence`: they were delivered.
   [[nodiscard]] Result<void> alerts_delivered(std::uint64_t sequence);
@@ -66,7 +71,9 @@ class Store {
   struct Close {
     void operator()(sqlite3* database) const;
   };
+  [[nodiscard]] Result<void> still_there() const;
   std::unique_ptr<sqlite3, Close> database_;
+  std::uint64_t log_inode_ = 0;  // of the write-ahead log
 };
 
 /// Shows `visit` every record of the store, oldest first, each once it is verified against `key` and its

@@ -1,0 +1,80 @@
+#include "chain_head.hpp"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "calib/json_integer.hpp"
+
+namespace calib {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::string_view purpose = "calibd chain head";
+constexpr std::streamsize largest_file = 64 * 1024;
+
+std::filesystem::path file_in(const std::filesystem::path& folder) { return folder / "chain-head.json"; }
+
+json to_json(const ChainHead& head) {
+  return {{"schema", 1},
+          {"sequence", head.sequence},
+          {"sha256", head.sha256},
+          {"missing", head.missing ? json(*head.missing) : json()}};
+}
+
+/// Whether all of `bytes` is on the disk.
+bool write_durably(const std::filesystem::path& file, std::string_view bytes) {
+  const int fd = ::open(file.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0640);
+  if (fd < 0) return false;
+  const bool written = ::write(fd, bytes.data(), bytes.size()) == static_cast<ssize_t>(bytes.size()) && ::fsync(fd) == 0;
+  return ::close(fd) == 0 && written;
+}
+
+bool sync_folder(const std::filesystem::path& folder) {
+  const int fd = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  const bool synced = fd >= 0 && ::fsync(fd) == 0;
+  if (fd >= 0) ::close(fd);
+  return synced;
+}
+
+}  // namespace
+
+Result<std::optional<ChainHead>> read_chain_head(const std::filesystem::path& folder, const SigningKey& key) {
+  const auto file = file_in(folder);
+  std::error_code error;
+  if (!std::filesystem::exists(file, error)) return std::optional<ChainHead>{};
+  const auto refuse = [&](const std::string& what) { return fail("malformed_head", file.string() + " " + what); };
+  if (!std::filesystem::is_regular_file(file, error)) return refuse("is no file");
+  std::string text(largest_file, '\0');
+  std::ifstream in(file, std::ios::binary);
+  in.read(text.data(), largest_file);
+  text.resize(static_cast<std::size_t>(in.gcount()));
+  try {
+    json object = json::parse(text);
+    const std::string mac = object.at("mac").get<std::string>();
+    object.erase("mac");
+    if (!key.is_mac(purpose, object.dump(), mac)) return refuse("was not written with this signing key");
+    ChainHead head{integer_from<std::uint64_t>(object.at("sequence")), object.at("sha256").get<std::string>(), {}};
+    if (const json& missing = object.at("missing"); !missing.is_null()) head.missing = missing.get<std::string>();
+    return std::optional(std::move(head));
+  } catch (const std::exception& exception) {
+    return refuse(std::string("cannot be read: ") + exception.what());
+  }
+}
+
+Result<void> write_chain_head(const std::filesystem::path& folder, const ChainHead& head, const SigningKey& key) {
+  json object = to_json(head);
+  object["mac"] = key.mac(purpose, object.dump());
+  const auto file = file_in(folder);
+  const std::string beside = file.string() + ".new";
+  if (write_durably(beside, object.dump() + '\n') && ::rename(beside.c_str(), file.c_str()) == 0 && sync_folder(folder))
+    return {};
+  return fail("store_failed", file.string() + " cannot be written: " + std::strerror(errno));
+}
+
+}  // namespace calib

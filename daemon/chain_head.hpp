@@ -1,0 +1,29 @@
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "calib/record.hpp"
+#include "calib/signature.hpp"
+
+namespace calib {
+
+/// The last record of a chain, as it is remembered away from the records: a chain cannot show by itself that its last
+/// records were cut off, or that an older store was put back.
+struct ChainHead {
+  std::uint64_t sequence = 0;
+  std::string sha256{no_previous_sha256};
+  /// What was found missing, in words, until a record says so.
+  std::optional<std::string> missing;
+};
+
+/// Reads `folder`/chain-head.json; nothing when there is none. Fails with `malformed_head`, also for a file that another
+/// key has authenticated.
+[[nodiscard]] Result<std::optional<ChainHead>> read_chain_head(const std::filesystem::path& folder,
+                                                               const SigningKey& key);
+/// Replaces it in one step, durably. Fails with `store_failed`.
+[[nodiscard]] Result<void> write_chain_head(const std::filesystem::path& folder, const ChainHead& head,
+                                            const SigningKey& key);
+
+}  // namespace calib
