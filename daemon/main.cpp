@@ -100,6 +100,7 @@ int serve(calib::Service& service, calib::ControlSocket& control, int signal_fd)
   std::atomic<bool> ended = false;
   Result<void> result;
   std::thread worker([&] {
+    pthread_setname_np(pthread_self(), "pairs");
     // The watchdog is fed by steps of the pipeline and by nothing else.
     result = service.run([] { sd_notify(0, "WATCHDOG=1"); });
     ended = true;
@@ -113,6 +114,8 @@ int serve(calib::Service& service, calib::ControlSocket& control, int signal_fd)
   const auto ask = [&](calib::Question question) {
     if (question.request["request"] == "status")
       question.answer({{"ok", true}, {"status", to_json(service.status())}});
+    else if (question.request["request"] == "records")
+      question.answer(service.records(question.request.value("from", nlohmann::json())));
     else
       service.ask(std::move(question));
   };

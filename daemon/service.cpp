@@ -290,7 +290,7 @@ std::optional<json> Service::answer(const Question& question) {
     return std::nullopt;
   }
   if (what != "recalibrate" && what != "accept" && what != "rollback")
-    return refusal("bad_request", "the requests are status, doctor, recalibrate, accept and rollback");
+    return refusal("bad_request", "the requests are status, records, doctor, recalibrate, accept and rollback");
   if (!question.peer.may_change)
     return refusal("denied", "only root, the daemon's user and members of its group may ask for changes");
   if (found == watches_.end()) return refusal("not_found", "there is no pair '" + escape_control(name) + "'");

@@ -39,6 +39,8 @@ class Service {
   static constexpr std::size_t most_questions = 16;
   /// From any thread: the status as of the last change, with ages and verdicts as of now.
   [[nodiscard]] Status status() const;
+  /// From any thread: the records from number `from` on, as many as fit into an answer, as proto/control.md has it.
+  [[nodiscard]] nlohmann::json records(const nlohmann::json& from) const;
   /// From the thread that shows things, some times a second: writes the snapshot when what it shows has changed, sends
   /// the diagnostics once a second, and returns the verdicts in a line when they are others.
   [[nodiscard]] std::optional<std::string> show();

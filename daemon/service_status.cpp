@@ -9,6 +9,8 @@
 namespace calib {
 namespace {
 
+using nlohmann::json;
+
 PairStatus::Input input(const std::string& topic, const std::optional<std::chrono::steady_clock::time_point>& last) {
   PairStatus::Input shown{topic, std::nullopt};
   if (last) shown.age_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - *last).count();
@@ -61,6 +63,24 @@ Status Service::status() const {
   }
   expire(status, {ledger_.provenance().boot_id, now().since_boot});
   return status;
+}
+
+/// By a connection of its own: the ledger's belongs to the other thread.
+json Service::records(const json& from) const {
+  constexpr std::size_t most_bytes = 1 << 20;
+  if (!from.is_number_unsigned() || from == 0U) return refusal("bad_request", "\"from\" is a record's number");
+  const auto store = Store::open(config_.state_dir / "calibd.db", Store::Mode::read_only);
+  const auto stored = store.and_then([](const Store& opened) { return opened.record_count(); });
+  if (!stored) return refusal("failed", stored.error().context);
+  json reply{{"ok", true}, {"stored", *stored}, {"records", json::array()}};
+  std::size_t bytes = 0;
+  for (auto sequence = from.get<std::uint64_t>(); sequence <= *stored && bytes < most_bytes; ++sequence) {
+    const auto record = store->record(sequence);
+    if (!record && record.error().code != "record_not_found") return refusal("failed", record.error().context);
+    bytes += record ? record->canonical.size() + record->signature.size() : 0;
+    reply["records"].push_back({{"canonical", record ? record->canonical : ""}, {"signature", record ? record->signature : ""}});
+  }
+  return reply;
 }
 
 std::optional<std::string> Service::show() {

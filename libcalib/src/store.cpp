@@ -305,13 +305,13 @@ Result<void> Store::alerts_delivered(std::uint64_t sequence) {
   return erase.bind(sequence).execute();
 }
 
-Result<void> visit_verified(const Store& store, const PublicKey& key,
+Result<void> visit_verified(std::uint64_t count,
+                            const std::function<Result<SignedRecord>(std::uint64_t sequence)>& record_of,
+                            const PublicKey& key,
                             const std::function<void(const CalibrationRecord&, const SignedRecord&)>& visit) {
-  const auto count = store.record_count();
-  if (!count) return tl::unexpected(count.error());
   std::string previous_sha256(no_previous_sha256);
-  for (std::uint64_t sequence = 1; sequence <= *count; ++sequence) {
-    const auto stored = store.record(sequence);
+  for (std::uint64_t sequence = 1; sequence <= count; ++sequence) {
+    const auto stored = record_of(sequence);
     const auto record = stored.and_then(
         [&](const SignedRecord& bytes) { return verify_record(bytes, key, previous_sha256, sequence); });
     if (!record) {
@@ -327,9 +327,11 @@ Result<void> visit_verified(const Store& store, const PublicKey& key,
 }
 
 Result<std::vector<CalibrationRecord>> verified_history(const Store& store, const PublicKey& key) {
+  const auto count = store.record_count();
+  if (!count) return tl::unexpected(count.error());
   std::vector<CalibrationRecord> records;
   const auto all = visit_verified(
-      store, key, [&](const CalibrationRecord& record, const SignedRecord&) { records.push_back(record); });
+      *count, [&](std::uint64_t sequence) { return store.record(sequence); }, key, [&](const CalibrationRecord& record, const SignedRecord&) { records.push_back(record); });
   if (!all) return tl::unexpected(all.error());
   return records;
 }

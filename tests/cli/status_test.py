@@ -80,6 +80,29 @@ def test_status_says_signs_as_words_and_aligns_its_colons(calibctl):
     assert all(line[16:18] == ": " for line in out.splitlines() if line)
 
 
+@pytest.mark.parametrize("change", [
+    {"since_boot_s": -3601}, {"since_boot_s": 3600}, {"boot_id": "of another boot"}, {"pairs": 2}, {"not_written": "disk full"},
+    {"baseline_sha256": "f" * 64}, None], ids=str)
+def test_a_verdict_without_sound_evidence_is_not_shown_whoever_wrote_it(calibctl, peer, schema, change):
+    status = json.loads(calibctl.snapshot.read_text())
+    pair = status["pairs"][0]
+    if change is None:
+        pair["evidence"] = None
+    else:
+        for key, value in change.items():
+            pair["evidence"][key] = pair["evidence"][key] + value if key == "since_boot_s" else value
+    calibctl.snapshot.write_text(json.dumps(status))
+    for running in (False, True):
+        if running:
+            peer({"ok": True, "status": status})
+        shown = json.loads(calibctl("status", "--json").out)
+        schema("status", shown)
+        assert shown["pairs"][0]["verdict"] == "not_evaluated"
+        assert shown["pairs"][0]["reason"].endswith("; it was calibrated when last evaluated")
+        assert "Verdict         : not evaluated" in calibctl("status").out
+    assert calibctl("status", "--exit-code").exit == NO
+
+
 @pytest.mark.parametrize("spoil", [
     "UPDATE record SET canonical = replace(canonical, 'calibd', 'nobody') WHERE sequence = 3",
     "DELETE FROM record WHERE sequence = 3"])

@@ -34,8 +34,8 @@ def test_a_killed_daemon_goes_on_where_it_was(bin_dir, tmp_path, dds_domain, slo
             assert after["evaluated"] >= before["evaluated"] and after["record"]["sequence"] >= before["record"]["sequence"]
             if after["record"] == before["record"]:
                 assert after["T_camera_lidar"] == before["T_camera_lidar"]
-                if after["evaluated"] == before["evaluated"]:
-                    assert (after["verdict"], after["since"]) == (before["verdict"], before["since"])
+            # What was known is there again; what is claimed rests on what this run has seen.
+            assert after["verdict"] != "calibrated" or after["evidence"]["pairs"] >= 3
             assert all(kept(tmp_path)[table] >= count for table, count in counts.items())
             sequences.append(after["record"]["sequence"])
             assert killed < 60, drive.log()

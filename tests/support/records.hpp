@@ -86,6 +86,7 @@ inline CalibrationRecord random_record(std::mt19937& random) {
   record.configuration_sha256 = sha256_hex("configuration");
   record.software_version = "1.2.3";
   record.software_sha256 = sha256_hex("software");
+  if (random() % 2 == 0) record.evidence_sha256 = sha256_hex("evidence");
   record.wall_time = std::chrono::nanoseconds(static_cast<std::int64_t>(random()) * 429'496'729);
   record.boot_id = "0c9e7a54-6f5e-4a52-9f0a-7c57a6f0f9ab";
   record.boot_time = std::chrono::nanoseconds(static_cast<std::int64_t>(random()) << 20);

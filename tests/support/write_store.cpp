@@ -1,6 +1,8 @@
 // write_store KEY FOLDER VERDICT [baseline]: a store of three records (initial, rejected, accepted), and a fourth if
 // asked for, signed with KEY, and the snapshot that a daemon with that store would leave. For tests of programs that
 // read; they are written by the real library.
+#include <time.h>
+
 #include <fstream>
 #include <iostream>
 #include <limits>
@@ -44,6 +46,7 @@ std::vector<CalibrationRecord> three_records() {
   first.configuration_sha256 = sha256_hex("configuration");
   first.software_version = "1.2.3";
   first.software_sha256 = sha256_hex("software");
+  first.evidence_sha256 = sha256_hex("evidence");
   first.wall_time = first_decision;
   first.boot_id = "0c9e7a54-6f5e-4a52-9f0a-7c57a6f0f9ab";
   first.boot_time = std::chrono::seconds(100);
@@ -82,11 +85,27 @@ CalibrationRecord baseline_record(const CalibrationRecord& in_force) {
   return record;
 }
 
+/// Evidence of this moment, that counts for an hour.
+Grounds fresh_grounds() {
+  std::ifstream file("/proc/sys/kernel/random/boot_id");
+  std::string boot_id;
+  std::getline(file, boot_id);
+  timespec time{};
+  clock_gettime(CLOCK_BOOTTIME, &time);
+  return {.pairs = 42,
+          .taken = {boot_id, std::chrono::seconds(time.tv_sec) + std::chrono::nanoseconds(time.tv_nsec)},
+          .lifetime = std::chrono::hours(1),
+          .evidence_sha256 = sha256_hex("evidence"),
+          .baseline_sha256 = sha256_hex("evidence"),
+          .not_written = std::nullopt};
+}
+
 Status snapshot(const CalibrationRecord& in_force, const PublicKey& key, Verdict verdict) {
   PairStatus pair;
   pair.name = in_force.pair;
   pair.verdict = verdict;
   pair.reason = hostile;
+  pair.grounds = fresh_grounds();
   pair.since = in_force.wall_time;
   pair.last_evaluated = in_force.wall_time + std::chrono::seconds(10);
   pair.evaluated = 42;
@@ -103,7 +122,7 @@ Status snapshot(const CalibrationRecord& in_force, const PublicKey& key, Verdict
   pair.image = {"/camera/left/image", 0.25};
   pair.cloud = {"/lidar/points", std::nullopt};
   pair.time_difference_ms = -12.5;
-  return {in_force.vehicle, true, in_force.software_version, 3661, {pair}, 2};
+  return {in_force.vehicle, true, in_force.software_version, 3661, {pair}, 2, std::nullopt};
 }
 
 }  // namespace

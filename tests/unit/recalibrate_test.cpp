@@ -245,3 +245,19 @@ TEST_CASE("axes of which the pairs tell nothing are left as they are, and the re
   for (int axis = 0; axis < 6; ++axis)
     if (!result.moved[axis]) CHECK(std::abs(result.delta[axis]) < 1e-9);
 }
+
+TEST_CASE("a recalibration that is to end ends at the next evaluation, whenever that is, with no result") {
+  const Drive drive(test::knock(0, 0.8, -0.6));
+  int asked = 0;
+  REQUIRE(recalibrate(drive.fit, drive.held_back, drive.start, {.keep_going = [&] { return ++asked > 0; }}));
+  const int all = asked;
+  CHECK(all > 300);  // so it is asked every few milliseconds
+  for (const int end : {1, 2, all / 100, all / 10, all / 4, all / 2, 3 * all / 4, all - 1}) {
+    asked = 0;
+    const auto result =
+        recalibrate(drive.fit, drive.held_back, drive.start, {.keep_going = [&] { return ++asked < end; }});
+    INFO(end << " of " << all);
+    REQUIRE_FALSE(result);
+    CHECK(result.error().code == "cancelled");
+  }
+}

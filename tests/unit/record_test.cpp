@@ -93,6 +93,19 @@ TEST_CASE("the canonical bytes of a record are the documented ones") {
   // clang-format on
 }
 
+TEST_CASE("the digest of the evidence makes it schema 2, and is required there") {
+  CalibrationRecord record = full_record();
+  record.evidence_sha256 = sha256_hex("evidence");
+  const std::string text = canonical_bytes(record);
+  const std::string digest = R"("evidence_sha256":")" + sha256_hex("evidence") + R"(",)";
+  CHECK_THAT(text, ContainsSubstring(digest));
+  CHECK_THAT(text, ContainsSubstring(R"("schema":2,)"));
+  CHECK(require_ok(parse_record(text)).evidence_sha256 == sha256_hex("evidence"));
+  for (const std::string& bad : {replaced(text, R"("schema":2)", R"("schema":1)"), replaced(text, digest, ""),
+                                 replaced(text, sha256_hex("evidence"), ""), replaced(text, R"("schema":2)", R"("schema":3)")})
+    CHECK_FALSE(parse_record(bad));
+}
+
 TEST_CASE("a baseline is a field of its record alone, matrices by rows") {
   const std::string six = "[-0.5,-0.5,-0.5,-0.5,-0.5,-0.5]";
   const std::string text = canonical_bytes(baseline_record());

@@ -126,8 +126,9 @@ TEST_CASE_METHOD(Fixture,
   CHECK(history.error().code == code);
   CHECK_THAT(history.error().context, ContainsSubstring("record 3 "));
   std::size_t shown = 0;
-  CHECK_FALSE(visit_verified(store, key.public_key(),
-                             [&](const auto& record, const auto&) { CHECK(record.sequence == ++shown); }));
+  CHECK_FALSE(visit_verified(
+      require_ok(store.record_count()), [&](std::uint64_t sequence) { return store.record(sequence); }, key.public_key(),
+      [&](const auto& record, const auto&) { CHECK(record.sequence == ++shown); }));
   CHECK(shown == 2);
 }
 

@@ -23,6 +23,11 @@ enum class Exit {
 struct Places {
   std::filesystem::path socket, state_dir, public_key;
   [[nodiscard]] std::filesystem::path store() const { return state_dir / "calibd.db"; }
+  /// calibd's default for `head_dir`.
+  [[nodiscard]] std::filesystem::path chain_head() const {
+    const auto folder = state_dir.has_filename() ? state_dir : state_dir.parent_path();
+    return std::filesystem::path(folder.string() + "-head") / "chain-head.json";
+  }
   [[nodiscard]] std::filesystem::path snapshot() const { return socket.parent_path() / "status.json"; }
 };
 

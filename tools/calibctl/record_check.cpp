@@ -1,32 +1,9 @@
 #include "record_check.hpp"
 
-#include <map>
-
-#include "calib/store.hpp"
+#include "stored_records.hpp"
 
 namespace calib::ctl {
 namespace {
-
-/// What calibctl could verify by itself.
-struct VerifiedRecords {
-  std::map<std::uint64_t, CalibrationRecord> records;
-  /// Why the chain ends where it ends, when that is not its end.
-  std::optional<Error> broken;
-};
-
-Result<VerifiedRecords> read_verified(const Places& places) {
-  const auto key = load_public_key(places.public_key);
-  if (!key) return tl::unexpected(key.error());
-  const auto store = Store::open(places.store(), Store::Mode::read_only);
-  if (!store) return tl::unexpected(store.error());
-  VerifiedRecords found;
-  const auto all = visit_verified(*store, *key, [&](const CalibrationRecord& record, const SignedRecord&) {
-    found.records.emplace(record.sequence, record);
-  });
-  if (!all && all.error().code == "store_failed") return tl::unexpected(all.error());
-  if (!all) found.broken = all.error();
-  return found;
-}
 
 bool same(const RigidTransform& a, const RigidTransform& b) {
   // Not zero: JSON, and a quaternion on its way through a matrix, cost some last bits.
@@ -35,12 +12,11 @@ bool same(const RigidTransform& a, const RigidTransform& b) {
   return rotation_angle_rad(difference) < tolerance && difference.translation().norm() < tolerance;
 }
 
-RecordCheck check(const PairStatus& pair, const VerifiedRecords& verified) {
+RecordCheck check(const PairStatus& pair, const Chain& chain) {
   const std::uint64_t sequence = pair.record->sequence;
-  const auto found = verified.records.find(sequence);
-  if (found == verified.records.end())
-    return {true, false, verified.broken ? verified.broken->context : "the store does not hold this record"};
-  const CalibrationRecord& record = found->second;
+  if (sequence == 0 || sequence > chain.verified.size())
+    return {true, false, chain.broken ? chain.broken->context : "the store does not hold this record"};
+  const CalibrationRecord& record = chain.verified[sequence - 1].record;
   if (record.pair != pair.name)
     return {true, false, "record " + std::to_string(sequence) + " is of pair " + record.pair};
   if (!puts_in_force(record.decision))
@@ -55,7 +31,7 @@ RecordCheck check(const PairStatus& pair, const VerifiedRecords& verified) {
 }  // namespace
 
 std::vector<RecordCheck> check_records(const Status& status, const Places& places) {
-  const auto verified = read_verified(places);
+  const auto verified = read_chain(places);
   std::vector<RecordCheck> checks;
   for (const PairStatus& pair : status.pairs) {
     if (!pair.record)

@@ -4,40 +4,20 @@
 #include <iostream>
 #include <nlohmann/json.hpp>
 
-#include "calib/store.hpp"
 #include "commands.hpp"
+#include "stored_records.hpp"
 #include "text.hpp"
 
 namespace calib::ctl {
 namespace {
 
-struct VerifiedRecord {
-  CalibrationRecord record;
-  SignedRecord bytes;
-};
+using VerifiedRecord = Chain::Link;
 
-/// The records of the store up to the first that does not verify, and what is wrong with that one.
-struct Chain {
-  PublicKey key;
-  std::vector<VerifiedRecord> verified;
-  std::uint64_t stored = 0;
-  std::optional<Error> broken;
-};
-
-Result<Chain> read_chain(const Places& places) {
-  const auto store = Store::open(places.store(), Store::Mode::read_only);
-  if (!store) return tl::unexpected(store.error());
-  const auto key = load_public_key(places.public_key);
-  if (!key) return tl::unexpected(key.error());
-  const auto stored = store->record_count();
-  if (!stored) return tl::unexpected(stored.error());
-  Chain chain{*key, {}, *stored, std::nullopt};
-  const auto all = visit_verified(*store, *key, [&](const CalibrationRecord& record, const SignedRecord& bytes) {
-    chain.verified.push_back({record, bytes});
-  });
-  if (!all && all.error().code == "store_failed") return tl::unexpected(all.error());
-  if (!all) chain.broken = all.error();
-  if (chain.stored == 0) return fail("record_not_found", "the store holds no records yet");
+/// Of at least one record.
+Result<Chain> read_some(const Places& places) {
+  auto chain = read_chain(places);
+  if (chain && chain->stored == 0 && !chain->broken)
+    return fail("record_not_found", "the store holds no records yet");
   return chain;
 }
 
@@ -173,7 +153,7 @@ Exit verify_files(const std::vector<std::filesystem::path>& files, const PublicK
 }  // namespace
 
 Exit history(const Places& places, const std::string& pair) {
-  const auto chain = read_chain(places);
+  const auto chain = read_some(places);
   if (!chain) return complain(chain.error());
   bool any = false;
   for (const VerifiedRecord& item : chain->verified) {
@@ -192,7 +172,7 @@ Exit history(const Places& places, const std::string& pair) {
 }
 
 Exit show(const Places& places, const ShowOptions& options) {
-  const auto chain = read_chain(places);
+  const auto chain = read_some(places);
   if (!chain) return complain(chain.error());
   const std::uint64_t sequence = options.sequence.value_or(chain->stored);
   if (sequence == 0 || sequence > chain->stored)
@@ -214,7 +194,7 @@ Exit verify(const Places& places, const std::vector<std::filesystem::path>& file
     const auto key = load_public_key(places.public_key);
     return key ? verify_files(files, *key) : complain(key.error());
   }
-  const auto chain = read_chain(places);
+  const auto chain = read_some(places);
   if (!chain) return complain(chain.error());
   if (chain->broken) return complain(*chain->broken);
   std::cout << counted(chain->stored, "record") << " verified, key " << chain->key.id_text() << "; chain unbroken\n";

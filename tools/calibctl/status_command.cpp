@@ -1,4 +1,5 @@
 #include <sys/stat.h>
+#include <time.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -19,6 +20,16 @@ namespace {
 using nlohmann::json;
 
 constexpr std::chrono::seconds status_patience{10};
+
+/// This machine's, now: what a status of another boot or of long ago says is stale.
+BootTime boot_time() {
+  std::ifstream file("/proc/sys/kernel/random/boot_id");
+  std::string boot_id;
+  std::getline(file, boot_id);
+  timespec time{};
+  ::clock_gettime(CLOCK_BOOTTIME, &time);
+  return {boot_id, std::chrono::seconds(time.tv_sec) + std::chrono::nanoseconds(time.tv_nsec)};
+}
 
 WallTime now() { return std::chrono::system_clock::now().time_since_epoch(); }
 
@@ -49,6 +60,8 @@ void annotate(Report& report) {
   if (report.snapshot_age_s) daemon["snapshot_age_s"] = *report.snapshot_age_s;
   for (std::size_t i = 0; i < report.checks.size(); ++i) {
     const RecordCheck& check = report.checks[i];
+    report.raw["pairs"][i]["verdict"] = to_string(report.status.pairs[i].verdict);
+    report.raw["pairs"][i]["reason"] = report.status.pairs[i].reason;
     json& record = report.raw["pairs"][i]["record"];
     if (record.is_null()) continue;
     record["verified"] = check.verified;
@@ -70,6 +83,7 @@ Result<Report> collect(const Places& places) {
   if (!status) return tl::unexpected(status.error());
   report.raw = std::move(*reply);
   report.status = std::move(*status);
+  expire(report.status, boot_time());
   report.status.running = !report.snapshot_age_s;
   report.checks = check_records(report.status, places);
   annotate(report);

@@ -112,6 +112,7 @@ std::string status_text(const Status& status, const std::vector<RecordCheck>& ch
   else
     text.line("Daemon", "running for " + duration(status.uptime_s) + ", version " + status.version);
   text.line("Alerts waiting", std::to_string(status.feed_queued));
+  if (status.records_missing) text.line("RECORDS MISSING", *status.records_missing, Colour::red);
   for (std::size_t i = 0; i < status.pairs.size(); ++i) pair_lines(text, status.pairs[i], checks[i], now);
   return text.str();
 }

@@ -1,0 +1,93 @@
+#include "stored_records.hpp"
+
+#include <unistd.h>
+
+#include <cerrno>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "calib/json_integer.hpp"
+#include "control_client.hpp"
+
+namespace calib::ctl {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::chrono::seconds patience{10};
+
+Result<std::vector<SignedRecord>> from_store(const Places& places) {
+  const auto store = Store::open(places.store(), Store::Mode::read_only);
+  if (!store) return tl::unexpected(store.error());
+  const auto count = store->record_count();
+  if (!count) return tl::unexpected(count.error());
+  std::vector<SignedRecord> records;
+  for (std::uint64_t sequence = 1; sequence <= *count; ++sequence) {
+    auto record = store->record(sequence);
+    if (!record && record.error().code != "record_not_found") return tl::unexpected(record.error());
+    records.push_back(record ? std::move(*record) : SignedRecord{});  // a gap does not verify
+  }
+  return records;
+}
+
+Result<std::vector<SignedRecord>> from_daemon(const Places& places) {
+  std::vector<SignedRecord> records;
+  for (;;) {
+    const auto reply = ask(places.socket, {{"schema", 1}, {"request", "records"}, {"from", records.size() + 1}}, patience,
+                           [](auto) {});
+    if (!reply)
+      return fail(reply.error().code, "only calibd and root may read " + places.store().string() + ", and " +
+                                          reply.error().context);
+    try {
+      const std::size_t before = records.size();
+      for (const json& record : reply->at("records").get_ref<const json::array_t&>())
+        records.push_back({record.at("canonical").get<std::string>(), record.at("signature").get<std::string>()});
+      if (records.size() >= integer_from<std::uint64_t>(reply->at("stored"))) return records;
+      if (records.size() == before) return fail("malformed_reply", "calibd has more records than it shows");
+    } catch (const std::exception& error) {
+      return fail("malformed_reply", std::string("calibd answered in a form that is not understood: ") + error.what());
+    }
+  }
+}
+
+/// What calibd remembers as the last record; nothing where that cannot be read.
+std::optional<std::uint64_t> remembered(const Places& places) {
+  std::ifstream in(places.chain_head(), std::ios::binary);
+  std::string text(64 * 1024, '\0');
+  in.read(text.data(), static_cast<std::streamsize>(text.size()));
+  text.resize(static_cast<std::size_t>(in.gcount()));
+  const json head = json::parse(text, nullptr, /*allow_exceptions=*/false);
+  if (!head.is_object() || !head.contains("sequence") || !head["sequence"].is_number_unsigned()) return std::nullopt;
+  return head["sequence"].get<std::uint64_t>();
+}
+
+}  // namespace
+
+Result<Chain> read_chain(const Places& places) {
+  const bool denied = ::access(places.store().c_str(), R_OK) != 0 && errno == EACCES;
+  const auto stored = denied ? from_daemon(places) : from_store(places);
+  if (!stored) return tl::unexpected(stored.error());
+  const auto key = load_public_key(places.public_key);
+  if (!key) return tl::unexpected(key.error());
+  Chain chain{*key, {}, stored->size(), std::nullopt};
+  const auto record_of = [&](std::uint64_t sequence) -> Result<SignedRecord> {
+    const SignedRecord& record = (*stored)[sequence - 1];
+    if (record.canonical.empty())
+      return fail("record_not_found", "the store holds no record " + std::to_string(sequence));
+    return record;
+  };
+  const auto all = visit_verified(chain.stored, record_of, *key,
+                                  [&](const CalibrationRecord& record, const SignedRecord& bytes) {
+                                    chain.verified.push_back({record, bytes});
+                                  });
+  const auto last = remembered(places);
+  if (!all)
+    chain.broken = all.error();
+  else if (last && *last > chain.stored)
+    chain.broken = Error{"broken_chain", "the store ends with record " + std::to_string(chain.stored) +
+                                             ", but calibd had written record " + std::to_string(*last) +
+                                             ": records were cut off, or an older store was put back"};
+  return chain;
+}
+
+}  // namespace calib::ctl
