@@ -104,10 +104,17 @@ def test_package_holds_what_is_installed(bin_dir, tmp_path):
     (package,) = tmp_path.glob("*.deb")
     fields = run("dpkg-deb", "-f", package).stdout
     assert re.search(r"^Package: calibd$", fields, re.MULTILINE)
-    assert re.search(r"^Depends:.*\blibddsc", fields, re.MULTILINE), fields
+    private = {library.name for library in (bin_dir.parent / "lib").rglob("calibd/*.so*")}
+    for name, package_name in (("libddsc.so.0", "libddsc"), ("libonnxruntime.so.1", "libonnxruntime")):
+        depends = re.search(rf"^Depends:.*\b{package_name}", fields, re.MULTILINE) is not None
+        assert depends != (name in private), f"{name} comes either with the package or with another: {fields}"
     names = run("dpkg-deb", "-c", package).stdout
     for path in ("./etc/calibd/calibd.yaml", "./usr/sbin/calibd", "./usr/lib/systemd/system/calibd.service"):
         assert re.search(rf" {re.escape(path)}$", names, re.MULTILINE), names
+    assert set(re.findall(r" \./usr/lib/.*/calibd/(\S+\.so\S*)$", names, re.MULTILINE)) == private
+    notices = {"libddsc.so.0": "cyclonedds/NOTICE.md", "libonnxruntime.so.1": "onnxruntime/ThirdPartyNotices.txt"}
+    for name in private:
+        assert f"./usr/share/doc/calibd/{notices[name]}\n" in names, names
     assert "/tests/" not in names
 
     root = tmp_path / "unpacked"
@@ -116,3 +123,6 @@ def test_package_holds_what_is_installed(bin_dir, tmp_path):
         result = run(root / program, "--version", env={})
         assert result.returncode == 0, f"it needs what neither the package nor its dependencies bring: {result.stderr}"
         assert b"/opt/" not in (root / program).read_bytes(), "a library that only this machine has"
+        found = run("ldd", root / program).stdout
+        for name in private:
+            assert name not in found or f"{name} => {root}/usr/" in found, found
