@@ -15,6 +15,7 @@
 #include <thread>
 
 #include "control.hpp"
+#include "file_limit.hpp"
 #include "service.hpp"
 #include "version.hpp"
 
@@ -144,6 +145,7 @@ int main(int argc, char** argv) {
                 config->pairs.size() == 1 ? "" : "s");
     return 0;
   }
+  if (auto enough = calib::require_open_files(); !enough) return complain(enough.error(), exit_failed);
   // One core is what a vehicle gives; and one thread more would not change any result.
   cv::setNumThreads(1);
   const auto signal_fd = block_signals();
