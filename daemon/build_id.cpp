@@ -11,8 +11,8 @@ namespace {
 
 constexpr std::string_view hex_digits = "0123456789abcdef";
 
-/// The description of the GNU build id among `notes`, each a header, a name and a description, both of which end padded to
-/// `alignment` bytes from the note's begin; empty when it is not there.
+/// The description of the GNU build id among `notes`, each a header, a name and a description, both of which end padded
+/// to `alignment` bytes from the note's begin; empty when it is not there.
 std::string_view find_build_id(std::string_view notes, std::size_t alignment) {
   const auto padded = [alignment](std::size_t size) { return (size + alignment - 1) / alignment * alignment; };
   ElfW(Nhdr) note;
@@ -44,7 +44,8 @@ int look_at_program(dl_phdr_info* object, std::size_t, void* found) {
 Result<std::string> build_id() {
   std::string_view id;
   dl_iterate_phdr(look_at_program, &id);
-  if (id.empty()) return fail("no_build_id", "this program was linked without a build id; link it with -Wl,--build-id=sha1");
+  if (id.empty())
+    return fail("no_build_id", "this program was linked without a build id; link it with -Wl,--build-id=sha1");
   std::string hex;
   for (const char byte : id) {
     const auto value = static_cast<unsigned char>(byte);

@@ -11,8 +11,8 @@
 namespace calib {
 namespace {
 
-/// About 15 for DDS, store, socket and signals, 16 for askers on the control socket, and some for files that are read and
-/// written in passing.
+/// About 15 for DDS, store, socket and signals, 16 for askers on the control socket, and some for files that are read
+/// and written in passing.
 constexpr std::size_t needed = 48;
 
 }  // namespace
