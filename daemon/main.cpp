@@ -17,6 +17,7 @@
 
 #include "build_id.hpp"
 #include "control.hpp"
+#include "file_limit.hpp"
 #include "service.hpp"
 #include "version.hpp"
 
@@ -166,6 +167,7 @@ int main(int argc, char** argv) {
                 config->pairs.size() == 1 ? "" : "s");
     return 0;
   }
+  if (auto enough = calib::require_open_files(); !enough) return complain(enough.error(), exit_failed);
   // One core is what a vehicle gives; and one thread more would not change any result.
   cv::setNumThreads(1);
   const auto signal_fd = block_signals();

@@ -207,6 +207,11 @@ def header(stamp_ns, frame_id):
     return message("std_msgs/Header", stamp=stamp, frame_id=frame_id)
 
 
+# Cyclone DDS's configuration for a domain on loopback.
+LOOPBACK = ('<CycloneDDS><Domain><General><Interfaces><NetworkInterface name="lo" multicast="true"/></Interfaces></General>'
+            '</Domain></CycloneDDS>')
+
+
 class Peer:
     """A participant on loopback. Writers take ready CDR, so that what is on the wire is what `rosbags` made."""
 
@@ -216,9 +221,7 @@ class Peer:
 
     def __init__(self, domain):
         if domain not in self._domains:
-            self._domains[domain] = Domain(domain, '<CycloneDDS><Domain><General><Interfaces>'
-                                                   '<NetworkInterface name="lo" multicast="true"/>'
-                                                   '</Interfaces></General></Domain></CycloneDDS>')
+            self._domains[domain] = Domain(domain, LOOPBACK)
         self._participant = DomainParticipant(domain)
 
     def writer(self, kind, topic, reliable=True):
