@@ -6,15 +6,17 @@
 #include <array>
 #include <charconv>
 #include <cmath>
-#include <fstream>
 #include <map>
 #include <set>
 #include <sstream>
+
+#include "calib/file.hpp"
 
 namespace calib {
 namespace {
 
 constexpr std::size_t max_bytes = 1 << 20;
+constexpr const char* too_large = "is larger than 1 MiB";
 
 template <typename Number>
 std::optional<Number> parse_number(std::string_view text) {
@@ -26,9 +28,9 @@ std::optional<Number> parse_number(std::string_view text) {
 
 struct Unit {
   std::string_view name;
-  double seconds;
+  double ns;
 };
-constexpr std::array units{Unit{"ms", 1e-3}, Unit{"min", 60}, Unit{"s", 1}, Unit{"h", 3600}};
+constexpr std::array units{Unit{"ms", 1e6}, Unit{"min", 6e10}, Unit{"s", 1e9}, Unit{"h", 3.6e12}};
 
 /// As %g writes it, whatever the locale is.
 std::string in_words(double number) {
@@ -188,10 +190,12 @@ std::chrono::nanoseconds ConfigNode::duration(std::chrono::nanoseconds min, std:
   if (unit == units.end()) refuse("needs " + std::string(needed));
   const auto value = parse_number<double>(std::string_view(text).substr(0, text.size() - unit->name.size()));
   if (!value || !std::isfinite(*value)) refuse("needs " + std::string(needed));
-  const std::chrono::duration<double> seconds(*value * unit->seconds);
-  if (seconds < min || seconds > max)  // before the conversion, which 1e300h would overflow
-    refuse(text + " is outside " + in_words(min) + " .. " + in_words(max));
-  return std::chrono::round<std::chrono::nanoseconds>(seconds);
+  // Whole nanoseconds are compared, as 1.9s is no double. What is far beyond any of them would overflow.
+  constexpr double longest_ns = 9e18;
+  const double ns = *value * unit->ns;
+  const std::chrono::nanoseconds duration(std::llround(std::clamp(ns, -longest_ns, longest_ns)));
+  if (duration < min || duration > max) refuse(text + " is outside " + in_words(min) + " .. " + in_words(max));
+  return duration;
 }
 
 Result<void> parse_config_text(std::string_view yaml, const std::filesystem::path& file,
@@ -199,7 +203,7 @@ Result<void> parse_config_text(std::string_view yaml, const std::filesystem::pat
   const auto refuse = [&](int line, const std::string& message) {
     return fail("bad_config", file.string() + ":" + std::to_string(line) + ": " + message);
   };
-  if (yaml.size() > max_bytes) return refuse(1, "is larger than 1 MiB");
+  if (yaml.size() > max_bytes) return refuse(1, too_large);
   try {
     read(ConfigNode::parse(std::string(yaml)));
     return {};
@@ -211,11 +215,9 @@ Result<void> parse_config_text(std::string_view yaml, const std::filesystem::pat
 }
 
 Result<std::string> read_config_text(const std::filesystem::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  std::string text(max_bytes + 1, '\0');
-  in.read(text.data(), static_cast<std::streamsize>(text.size()));
-  if (!in.is_open() || in.bad()) return fail("config_not_found", file.string() + ": cannot be read");
-  text.resize(static_cast<std::size_t>(in.gcount()));
+  auto text = read_regular_file(file, max_bytes);
+  if (!text && text.error().code == "file_too_large") return fail("bad_config", file.string() + ":1: " + too_large);
+  if (!text) return fail("config_not_found", text.error().context);
   return text;
 }
 

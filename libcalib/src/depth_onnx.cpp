@@ -2,60 +2,68 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
+#include <cstring>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "calib/depth_model.hpp"
+#include "calib/file.hpp"
+#include "calib/image_header.hpp"
 #include "network_image.hpp"
 #include "onnx_network.hpp"
 
 namespace calib {
 namespace {
 
+tl::unexpected<Error> self_test_failed(const std::string& what) {
+  return fail("depth_failed", "depth model self-test failed: " + what);
+}
+
 Result<Image> read_golden_image(const std::filesystem::path& file) {
+  constexpr std::uint64_t most_bytes = 64 << 20;
+  auto bytes = read_regular_file(file, most_bytes);
+  if (!bytes) return self_test_failed(bytes.error().context);
   cv::Mat bgr, rgb, grey;
-  try {
-    grey = cv::imread(file.string(), cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
-    bgr = cv::imread(file.string(), cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION);
-    if (!bgr.empty()) cv::cvtColor(bgr, rgb, cv::COLOR_BGR2RGB);
-  } catch (const cv::Exception&) {  // a damaged header; reported below
+  if (const auto header = read_image_header(*bytes); header && header->in_bounds()) {
+    try {
+      const cv::Mat in(1, static_cast<int>(bytes->size()), CV_8UC1, bytes->data());
+      grey = cv::imdecode(in, cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
+      bgr = cv::imdecode(in, cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION);
+      if (!bgr.empty()) cv::cvtColor(bgr, rgb, cv::COLOR_BGR2RGB);
+    } catch (const cv::Exception&) {  // damaged; reported below
+    }
   }
-  if (rgb.empty()) return fail("depth_failed", "depth model self-test failed: " + file.string() + " is no image");
+  if (rgb.empty()) return self_test_failed(file.string() + " is no image of 1 .. 64 Mpx");
   return Image{{}, rgb.cols, rgb.rows, {grey.datastart, grey.dataend}, {rgb.datastart, rgb.dataend}};
 }
 
 /// Nothing unless the file holds just so many finite numbers.
 std::optional<std::vector<float>> read_floats(const std::filesystem::path& file, std::size_t count) {
-  std::ifstream in(file, std::ios::binary);
+  const auto bytes = read_regular_file(file, count * sizeof(float));
+  if (!bytes || bytes->size() != count * sizeof(float)) return std::nullopt;
   std::vector<float> values(count);
-  const auto bytes = static_cast<std::streamsize>(count * sizeof(float));
-  const bool read = static_cast<bool>(in.read(reinterpret_cast<char*>(values.data()), bytes));
-  if (!read || in.get() != std::ifstream::traits_type::eof()) return std::nullopt;
+  std::memcpy(values.data(), bytes->data(), bytes->size());
   if (!std::ranges::all_of(values, [](float value) { return std::isfinite(value); })) return std::nullopt;
   return values;
 }
 
 Result<void> compare(const NetworkMap& map, const DepthModel& model) {
   const GoldenPair& golden = *model.golden;
-  const auto refuse = [&](const std::string& what) {
-    return fail("depth_failed", "depth model self-test failed: " + what);
-  };
   const auto expected = read_floats(golden.output, map.values.size());
   if (!expected)
-    return refuse(golden.output.string() + " does not hold the " + std::to_string(map.width) + " x " +
-                  std::to_string(map.height) + " finite 32-bit floats that " + model.file.string() + " makes of " +
-                  golden.image.string());
+    return self_test_failed(golden.output.string() + " does not hold the " + std::to_string(map.width) + " x " +
+                            std::to_string(map.height) + " finite 32-bit floats that " + model.file.string() +
+                            " makes of " + golden.image.string());
   const auto [least, greatest] = std::ranges::minmax(*expected);
   double difference = 0;
   for (std::size_t i = 0; i < expected->size(); ++i)
     difference = std::max(difference, std::abs(static_cast<double>(map.values[i]) - (*expected)[i]));
   const double share = difference / (static_cast<double>(greatest) - least);
   if (share <= golden.tolerance) return {};  // false where all golden values are the same
-  return refuse(model.file.string() + " makes of " + golden.image.string() + " what differs from " +
-                golden.output.string() + " by " + std::to_string(share) + " of its range, and " +
-                std::to_string(golden.tolerance) + " is tolerated; check input and output in " +
-                model.descriptor.string());
+  return self_test_failed(model.file.string() + " makes of " + golden.image.string() + " what differs from " +
+                          golden.output.string() + " by " + std::to_string(share) + " of its range, and " +
+                          std::to_string(golden.tolerance) + " is tolerated; check input and output in " +
+                          model.descriptor.string());
 }
 
 /// A slope from black to white, of the camera's size.

@@ -1,15 +1,14 @@
 #include "model_file.hpp"
 
 #include <cstdint>
-#include <filesystem>
-#include <fstream>
 
+#include "calib/file.hpp"
 #include "calib/sha256.hpp"
 
 namespace calib {
 namespace {
 
-constexpr std::uintmax_t max_bytes = 1 << 30;
+constexpr std::uint64_t max_bytes = 1 << 30;
 
 /// The messages of onnx.proto in which tensors lie, and by which of their fields they lead to one another.
 enum class Message { model, graph, node, attribute, tensor, sparse_tensor, function, training };
@@ -42,10 +41,10 @@ constexpr Field fields[] = {
 constexpr std::uint64_t tensor_external_data = 13, tensor_data_location = 14;
 constexpr std::string_view inside("\0", 1);
 
-/// Takes a varint off the front of `bytes`.
-std::optional<std::uint64_t> take_varint(std::string_view& bytes) {
+/// Takes a varint of at most `longest` bytes off the front of `bytes`.
+std::optional<std::uint64_t> take_varint(std::string_view& bytes, int longest) {
   std::uint64_t value = 0;
-  for (int shift = 0; shift < 64 && !bytes.empty(); shift += 7) {
+  for (int shift = 0; shift < 7 * longest && !bytes.empty(); shift += 7) {
     const auto byte = static_cast<std::uint8_t>(bytes.front());
     bytes.remove_prefix(1);
     value |= std::uint64_t{byte & 0x7fU} << shift;
@@ -54,19 +53,34 @@ std::optional<std::uint64_t> take_varint(std::string_view& bytes) {
   return std::nullopt;
 }
 
+// What protobuf's own reader takes: longer ones are an error to it. It cuts a tag's bits off behind the 32nd, so that a
+// field with more of them would be another one to it than to a reader that keeps them.
+constexpr int longest_tag = 5, longest_length = 5, longest_value = 10;
+constexpr std::uint64_t largest_tag = 0xffff'ffff;
+
+struct Tag {
+  std::uint64_t field, wire_type;
+};
+
+std::optional<Tag> take_tag(std::string_view& bytes) {
+  const auto tag = take_varint(bytes, longest_tag);
+  if (!tag || *tag > largest_tag || *tag >> 3 == 0) return std::nullopt;
+  return Tag{*tag >> 3, *tag & 7};
+}
+
 /// Takes the content of a field off the front of `bytes`.
 std::optional<std::string_view> take_content(std::string_view& bytes, std::uint64_t wire_type) {
   const std::string_view before = bytes;
   std::uint64_t length = 0;
   if (wire_type == 0 || wire_type == 2) {
-    const auto number = take_varint(bytes);
+    const auto number = take_varint(bytes, wire_type == 0 ? longest_value : longest_length);
     if (!number) return std::nullopt;
     if (wire_type == 0) return before.substr(0, before.size() - bytes.size());
     length = *number;
   } else if (wire_type == 1 || wire_type == 5) {
     length = wire_type == 1 ? 8 : 4;
   } else {
-    return std::nullopt;  // groups, which ONNX has none of
+    return std::nullopt;  // groups, which ONNX has none of, and types that there are not
   }
   if (length > bytes.size()) return std::nullopt;
   const std::string_view content = bytes.substr(0, length);
@@ -78,9 +92,9 @@ std::optional<bool> scan(Message message, std::string_view bytes, int depth) {
   constexpr int deepest = 100;  // as far as protobuf's own reader goes
   if (depth > deepest) return std::nullopt;
   while (!bytes.empty()) {
-    const auto key = take_varint(bytes);
-    if (!key) return std::nullopt;
-    const std::uint64_t number = *key >> 3, wire_type = *key & 7;
+    const auto tag = take_tag(bytes);
+    if (!tag) return std::nullopt;
+    const auto& [number, wire_type] = *tag;
     const auto content = take_content(bytes, wire_type);
     if (!content) return std::nullopt;
     // Exporters also write down the location of what is inside, as 0.
@@ -101,19 +115,15 @@ std::optional<bool> has_external_data(std::string_view bytes) { return scan(Mess
 
 Result<std::string> read_model_file(const DepthModel& model) {
   const std::string file = model.file.string(), descriptor = model.descriptor.string();
-  std::error_code error;
-  std::ifstream in;
-  if (std::filesystem::is_regular_file(model.file, error)) in.open(model.file, std::ios::binary);
-  const std::uintmax_t size = std::filesystem::file_size(model.file, error);
-  if (!in.is_open() || error)
-    return fail("depth_failed", file + ": cannot be read; put the network there that " + descriptor + " describes");
-  if (size > max_bytes) return fail("depth_failed", file + ": is larger than 1 GiB; use a smaller network");
-  std::string bytes(size, '\0');
-  in.read(bytes.data(), static_cast<std::streamsize>(size));
-  if (const std::string sha256 = sha256_hex(bytes); !in || sha256 != model.sha256)
+  auto bytes = read_regular_file(model.file, max_bytes);
+  if (!bytes && bytes.error().code == "file_too_large")
+    return fail("depth_failed", file + ": is larger than 1 GiB; use a smaller network");
+  if (!bytes)
+    return fail("depth_failed", bytes.error().context + "; put the network there that " + descriptor + " describes");
+  if (const std::string sha256 = sha256_hex(*bytes); sha256 != model.sha256)
     return fail("depth_failed", file + ": its SHA-256 is " + sha256 + " where " + descriptor + " pins " + model.sha256 +
                                     "; put the pinned network back, or pin this one when it is the one you mean");
-  const auto external = has_external_data(bytes);
+  const auto external = has_external_data(*bytes);
   if (!external) return fail("depth_failed", file + ": is not an ONNX model; export the network to ONNX");
   if (*external)
     return fail("depth_failed", file +

@@ -6,6 +6,8 @@
 #include <opencv2/imgproc.hpp>
 #include <utility>
 
+#include "calib/file.hpp"
+
 namespace calib {
 namespace {
 
@@ -64,7 +66,9 @@ Result<void> write_overlay(const std::filesystem::path& file, const FramePair& p
     cv::Mat picture = points_on_image(pair, camera, T_camera_lidar, colours);
     if (depth != nullptr && depth->width == picture.cols)
       cv::vconcat(picture, depth_in_colours(*depth, colours), picture);
-    if (cv::imwrite(file.string(), picture)) return {};
+    std::vector<std::uint8_t> encoded;
+    if (cv::imencode(file.extension().string(), picture, encoded))
+      return replace_file(file, {reinterpret_cast<const char*>(encoded.data()), encoded.size()});
   } catch (const cv::Exception&) {  // an extension that is no picture's; reported below
   }
   return fail("write_failed",

@@ -1,6 +1,7 @@
 """keygen, history, show and verify: what does not verify is never shown as if it did."""
 
 import json
+import os
 import sqlite3
 import stat
 import subprocess
@@ -126,8 +127,57 @@ def test_an_exported_record_can_be_verified_with_minisign_and_sha256sum_alone(ca
         subprocess.run(["minisign", "-Vm", file, "-p", calibctl.public_key], check=True, capture_output=True)
         expected = sha256sum(out / f"{sequence - 1:06}.json") if sequence > 1 else "0" * 64
         assert json.loads(file.read_text())["previous_sha256"] == expected
-    # An export never overwrites.
-    assert calibctl("show", "1", "--export", out).exit == FAILED
+
+def test_an_export_keeps_what_is_there(calibctl, tmp_path):
+    out = tmp_path / "out"
+    assert calibctl("show", "1", "--export", out).exit == DONE
+    record, signature = out / "000001.json", out / "000001.json.minisig"
+    before = record.read_bytes(), signature.read_bytes()
+    assert sorted(out.iterdir()) == [record, signature]
+    assert calibctl("show", "1", "--export", out).exit == DONE, "the same record again"
+    signature.unlink()
+    assert calibctl("show", "1", "--export", out).exit == DONE, "an export that was stopped half way"
+    assert before == (record.read_bytes(), signature.read_bytes())
+    for path in (record, signature):
+        path.write_text("another record")
+        kept = calibctl("show", "1", "--export", out)
+        assert kept.exit == FAILED and f"{path} is there already" in kept.err and kept.out == ""
+        assert path.read_text() == "another record"
+        path.unlink()
+
+
+def test_an_export_goes_through_no_link_that_lies_in_wait(calibctl, tmp_path):
+    out, good, target = tmp_path / "out", tmp_path / "good", tmp_path / "target"
+    out.mkdir()
+    assert calibctl("show", "1", "--export", good).exit == DONE
+    for name in ("000001.json", "000001.json.minisig"):
+        # To nothing, to a file of somebody's, and even to what would be written.
+        for content in (None, "untouched", (good / name).read_text()):
+            target.unlink(missing_ok=True)
+            if content is not None:
+                target.write_text(content)
+            (out / name).symlink_to(target)
+            refused = calibctl("show", "1", "--export", out)
+            assert refused.exit == FAILED and f"{out / name} is there already" in refused.err
+            assert (target.read_text() if target.exists() else None) == content
+            (out / name).unlink()
+    (out / "000001.json").unlink()
+    target.write_text("untouched")
+    for name in ("000001.json.part", "000001.json.minisig.part"):
+        (out / name).symlink_to(target)
+    assert calibctl("show", "1", "--export", out).exit == DONE
+    assert target.read_text() == "untouched" and len(list(out.iterdir())) == 2
+    os.mkfifo(tmp_path / "fifo")
+    assert calibctl("show", "1", "--export", tmp_path / "fifo").exit == FAILED
+
+    if os.geteuid() == 0:
+        (tmp_path / "theirs").symlink_to(tmp_path / "elsewhere")
+        (tmp_path / "elsewhere").mkdir()
+        os.lchown(tmp_path / "theirs", 65534, 65534)
+        refused = calibctl("show", "1", "--export", tmp_path / "theirs")
+        assert refused.exit == FAILED and "is a link that another user has made" in refused.err
+        assert not list((tmp_path / "elsewhere").iterdir())
+
 
 
 def test_exported_records_verify_in_any_order_and_with_gaps(calibctl, tmp_path):

@@ -44,6 +44,13 @@ std::string header(const std::string& data, int points,
          "\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS " + std::to_string(points) + "\nDATA " + data + "\n";
 }
 
+/// x, y, z and so many more, each of `count` values.
+std::string many_fields(int more, const std::string& count) {
+  std::string names = "FIELDS x y z", sizes = "SIZE 4 4 4", types = "TYPE F F F", counts = "COUNT 1 1 1";
+  for (int i = 0; i < more; ++i) names += " f", sizes += " 4", types += " F", counts += ' ' + count;
+  return names + '\n' + sizes + '\n' + types + '\n' + counts + '\n';
+}
+
 constexpr float not_a_number = std::numeric_limits<float>::quiet_NaN();
 
 }  // namespace
@@ -120,14 +127,23 @@ TEST_CASE("a cloud that cannot be read says why") {
         Case{"a.pcd", "ends before its last point", header("binary", 2'000'000'000)},
         Case{"a.pcd", "ends before its last point", header("ascii", 2) + "1 2 3 4\n"},
         Case{"a.pcd", "no point: 1 2", header("ascii", 1) + "1 2\n"},
-        Case{"a.pcd", "pcl_convert_pcd_ascii_binary", header("binary_compressed", 1) + "xxxxxxxxxxxx"}}) {
+        Case{"a.pcd", "pcl_convert_pcd_ascii_binary", header("binary_compressed", 1) + "xxxxxxxxxxxx"},
+        Case{"a.pcd", "no whole PCD header", header("ascii", 1, many_fields(200'000, "1")) + "1\n"},
+        Case{"a.pcd", "more than 8192 values", header("ascii", 1, many_fields(1000, "4000")) + "1\n"},
+        Case{"a.pcd", "more than 8192 values", header("binary", 1, many_fields(1000, "4000")) + "1\n"},
+        Case{"a.pcd", "impossible size", header("ascii", 1, many_fields(4, "18446744073709551615")) + "1\n"},
+        Case{"a.pcd", "no whole PCD header", "FIELDS " + std::string(1'000'000, 'x') + "\nDATA ascii\n"}}) {
     INFO(part);
     const auto scan = CloudFile(name, bytes).read();
     REQUIRE_FALSE(scan);
     INFO(scan.error().context);
     CHECK(scan.error().code == "cloud_unreadable");
     CHECK(scan.error().context.find(part) != std::string::npos);
+    CHECK(scan.error().context.size() < 1000);
   }
+  const auto line = CloudFile("a.pcd", header("ascii", 1) + std::string(100'000, '\x1b') + "\n").read();
+  REQUIRE_FALSE(line);
+  CHECK(line.error().context.size() < 1000);
   CHECK(read_cloud("no/such.bin").error().code == "cloud_unreadable");
 }
 

@@ -155,6 +155,26 @@ TEST_CASE("a depth file that is missing, of another type or without depth says s
   CHECK(parse_depth_kind("Disparity").error().code == "unknown_depth_kind");
 }
 
+TEST_CASE("a depth file that claims more than it holds is refused before memory is taken for it") {
+  const Folder folder;
+  folder.write("claims.npy", npy("<f4", "False", "(65536, 65536)", "data").substr(0, 100 + 32));
+  const auto claims = folder.read("claims", DepthKind::depth);
+  REQUIRE_FALSE(claims);
+  CHECK(claims.error().context ==
+        (folder.folder.path() / "claims.npy").string() + " does not hold as many values as its shape says");
+  // A PNG of 65536 x 65536 pixels, as far as its header.
+  folder.write("bomb.png", std::string("\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\1\0\0\0\1\0\0\x10\0\0\0\0", 29) +
+                               std::string("\0\0\0\0", 4));
+  const auto bomb = folder.read("bomb", DepthKind::depth);
+  REQUIRE_FALSE(bomb);
+  CHECK(bomb.error().code == "depth_unreadable");
+  CHECK(bomb.error().context.find("bomb.png is 65536 x 65536 pixels") != std::string::npos);
+
+  folder.write("long.npy", "");
+  fs::resize_file(folder.folder.path() / "long.npy", (std::uintmax_t{256} << 20) + 1);  // takes no room on disk
+  CHECK(folder.read("long", DepthKind::depth).error().context.find("is larger than 256 MiB") != std::string::npos);
+}
+
 TEST_CASE("ranges read back within half a step of 4 mm, and the sky as none") {
   const Folder folder;
   std::vector<float> range(width * height, 12.3456f);

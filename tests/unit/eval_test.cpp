@@ -202,6 +202,8 @@ TEST_CASE("work is done once each, by any number of threads") {
     CHECK(std::ranges::all_of(done, [](int times) { return times == 1; }));
   }
   parallel_for(0, 3, [](std::size_t) { FAIL("there is no work"); });
+  for (const int threads : {1, 4})
+    CHECK_THROWS_AS(parallel_for(100, threads, [](std::size_t) { throw std::bad_alloc(); }), std::bad_alloc);
 }
 
 TEST_CASE("axes that were not searched are neither sure nor observable") {
@@ -239,6 +241,21 @@ TEST_CASE("an older result stays until there is a newer one, behind a symbolic l
     written << std::ifstream(target).rdbuf();
     CHECK(written.str() == "{\n \"kind\": \"curve\",\n \"complete\": false\n}\n");
   }
+}
+
+TEST_CASE("a result is not written where a link leads that another user has made, or that has its name meanwhile") {
+  const test::TemporaryFolder folder;
+  const auto link = folder.path() / "link.json", target = folder.path() / "target";
+  std::ofstream(target) << "untouched";
+  for (const char* name : {"result.json.part", "result.json.trial", "result.json.trial.part"})
+    std::filesystem::create_symlink("target", folder.path() / name);
+  Json json = Json::object();
+  test::require_ok(test::require_ok(ResultFile::at(folder.path() / "result.json")).write(json, true));
+  CHECK(std::filesystem::file_size(target) == 9);
+
+  std::filesystem::create_symlink("target", link);
+  if (lchown(link.c_str(), 65534, 65534) != 0) return test::skip("only root can give a link to somebody else");
+  CHECK(ResultFile::at(link).error().context.find("a link that another user has made") != std::string::npos);
 }
 
 TEST_CASE("a pipe stays a pipe, and gets the complete result alone") {

@@ -1,5 +1,6 @@
 #include "calib/overlay.hpp"
 
+#include <fstream>
 #include <opencv2/imgcodecs.hpp>
 
 #include "support/catch.hpp"
@@ -75,6 +76,16 @@ TEST_CASE("depth stands below the image in the same colours, black where there i
   CHECK(warm(picture.at<cv::Vec3b>(48 + 30, 4)));
   CHECK(cold(picture.at<cv::Vec3b>(48 + 30, 58)));
   CHECK(picture.at<cv::Vec3b>(48 + 4, 30) == cv::Vec3b(0, 0, 0));
+}
+
+TEST_CASE("a picture takes the place of a symbolic link, and leaves alone what that points to") {
+  const test::TemporaryFolder folder;
+  const Shot shot;
+  std::ofstream(folder.path() / "target") << "untouched";
+  std::filesystem::create_symlink("target", folder.path() / "picture.png");
+  require_ok(write_overlay(folder.path() / "picture.png", shot.pair, shot.camera, RigidTransform::Identity()));
+  CHECK(std::filesystem::file_size(folder.path() / "target") == 9);
+  CHECK_FALSE(std::filesystem::is_symlink(folder.path() / "picture.png"));
 }
 
 TEST_CASE("a picture that cannot be written is an error that names it") {

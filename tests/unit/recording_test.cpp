@@ -1,5 +1,7 @@
 #include "dataset/recording.hpp"
 
+#include <sys/stat.h>
+
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
@@ -246,6 +248,46 @@ TEST_CASE("a list that is wrong says where and what") {
   CHECK(mentions(is_folder, "is a folder"));
   write_file(folder.path() / "recording.yaml", head);
   CHECK(mentions(open_list(folder.path()).error(), (folder.path() / "recording.yaml").c_str()));
+}
+
+TEST_CASE("a calibration that is no regular file, is too large or nests without end harms nobody") {
+  const Kitti360 data;
+  const auto replace = [&](const char* name, const char* camera, const std::string& text) {
+    write_file(data.calibration / name, text);
+    return open_kitti_360(data.root, "drive", camera).error();
+  };
+  const std::string deep(500'000, '[');
+  CHECK(replace("image_02.yaml", "image_02", deep).code == "calibration_malformed");
+  CHECK(replace("image_02.yaml", "image_02", "%YAML:1.0\n---\nimage_width: " + deep).code == "calibration_malformed");
+  CHECK(replace("image_02.yaml", "image_02", "a: &a [*a, *a]\nimage_width: *a\n").code == "calibration_malformed");
+  CHECK(mentions(replace("image_02.yaml", "image_02", std::string((1 << 20) + 1, '#')), "is larger than 1 MiB"));
+  CHECK(mentions(replace("perspective.txt", "image_00", std::string((1 << 20) + 1, '1')), "is larger than 1 MiB"));
+  CHECK(replace("perspective.txt", "image_00", std::string(1 << 20, '1')).code == "calibration_malformed");
+  for (const auto& [name, camera] : {std::pair{"image_02.yaml", "image_02"}, {"perspective.txt", "image_00"}}) {
+    fs::remove(data.calibration / name);
+    REQUIRE(mkfifo((data.calibration / name).c_str(), 0600) == 0);
+    const auto error = open_kitti_360(data.root, "drive", camera).error();
+    CHECK(error.code == "calibration_missing");
+    CHECK(mentions(error, "it is a FIFO"));
+  }
+  const fs::path list = data.root / "list.yaml";
+  write_file(list, "frames: " + deep);
+  CHECK(open_list(list).error().code == "calibration_malformed");
+  fs::resize_file(list, (2 << 20) + 1);
+  CHECK(mentions(open_list(list).error(), "is larger than 2 MiB"));
+}
+
+TEST_CASE("an image is refused by its header before it is decoded, and where it is damaged") {
+  const test::TemporaryFolder folder;
+  const fs::path path = folder.path() / "a.pgm";
+  write_file(path, "P5 30000 30000 255\n");
+  CHECK(mentions(read_image(path).error(), "a.pgm is 30000 x 30000 pixels in 1 scans; up to 64 Mpx"));
+  write_file(path, "P5 4000 4000 255\n");
+  CHECK(mentions(read_image(path, Colours::grey, std::pair(32, 16)).error(),
+                 "is 4000 x 4000 pixels, its calibration says 32 x 16"));
+  write_file(path, "GIF89a");
+  CHECK(mentions(read_image(path).error(), "a.pgm is not an image (PNG,"));
+  CHECK(read_image(folder.path()).error().code == "image_unreadable");
 }
 
 TEST_CASE("the example of a list is one, whose camera looks ahead and stands upright") {

@@ -5,6 +5,7 @@
 #include <cerrno>
 #include <iostream>
 
+#include "calib/file.hpp"
 #include "calib_eval/progress.hpp"
 #include "calib_eval/report.hpp"
 
@@ -47,6 +48,7 @@ std::array<bool, 6> released(int degrees_of_freedom) { return Cell{{}, degrees_o
 
 /// Made before hours of work, and found out then whether it can be written into.
 Result<void> make_folder(const std::filesystem::path& folder) {
+  if (is_foreign_link(folder)) return fail("write_failed", folder.string() + " is a link that another user has made");
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (!error && access(folder.c_str(), W_OK | X_OK) != 0) error.assign(errno, std::generic_category());
@@ -152,7 +154,11 @@ Result<void> surfaces(const FootageOptions& footage_options, const LandscapeOpti
 }
 
 Result<void> plot(const std::filesystem::path& result, const std::filesystem::path& folder) {
+  constexpr std::uintmax_t most_bytes = 1 << 30;
   std::error_code error;
+  if (!std::filesystem::is_regular_file(result, error) || std::filesystem::file_size(result, error) > most_bytes)
+    return fail("result_unreadable", result.string() + " is no regular file of up to 1 GiB");
+  if (is_foreign_link(folder)) return fail("write_failed", folder.string() + " is a link that another user has made");
   const auto program = std::filesystem::read_symlink("/proc/self/exe", error);
   // As installed, and as in a build folder.
   const auto script = program.parent_path().parent_path() / "share" / "calibd" / "calib-eval-plot";

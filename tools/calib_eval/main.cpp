@@ -4,6 +4,7 @@
 #include <cmath>
 #include <functional>
 #include <iostream>
+#include <new>
 #include <thread>
 
 #include "calib_eval/commands.hpp"
@@ -370,7 +371,12 @@ int main(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return line.app.exit(error) == 0 ? 0 : 2;
   }
-  const auto done = line.run();
+  calib::Result<void> done;
+  try {
+    done = line.run();
+  } catch (const std::bad_alloc&) {
+    done = calib::fail("out_of_memory", "there is not enough memory; use fewer --frames, or fewer --threads");
+  }
   std::cout << std::flush;
   if (!done) std::cerr << "calib-eval: " << calib::escape_control(done.error().context) << '\n';
   // A full disk or a closed pipe must not look like success.

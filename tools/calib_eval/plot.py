@@ -14,6 +14,7 @@ try:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Circle
     from matplotlib.ticker import MaxNLocator
+    from PIL import Image
 except ImportError as error:
     sys.exit(f"calib-eval: {error.name} is missing: install python3-matplotlib")
 
@@ -48,8 +49,10 @@ class Canvas:
 
     def save(self, figure, name):
         self.folder.mkdir(parents=True, exist_ok=True)
-        path = self.folder / f"{name}.png"
-        figure.savefig(path, dpi=120)
+        path = self.folder / f"{name}.png".replace("/", "_")
+        path.unlink(missing_ok=True)
+        with open(path, "xb") as file:  # a new one, never what a symbolic link points to
+            figure.savefig(file, dpi=120)
         plt.close(figure)
         self.drawn += 1
         print(path)
@@ -100,11 +103,10 @@ def bullseye(canvas, cell, runs):
             bullseye_panel(panels[1, column], None, ends, hits, axes, unit, 1.2 * limit, limit)
         figure.suptitle(f"{cell_title(cell)}: {100 * cell['hit_rate']:.1f} % hits of {cell['starts']}\n"
                         f"residual {name}; above all runs, below the ends near the truth")
-        entries = [Line2D([], [], color=STARTS, marker="x", lw=0.6, label="start"),
-                   Line2D([], [], color=GOOD, marker=".", lw=0, label="end, a hit"),
-                   Line2D([], [], color=BAD, marker=".", lw=0, label="end, not a hit"),
-                   Line2D([], [], color=GOOD, ls="--", lw=1, label=f"{limit:g} {unit} off")]
-        legend_below(figure, entries)
+        legend_below(figure, [Line2D([], [], color=STARTS, marker="x", lw=0.6, label="start"),
+                              Line2D([], [], color=GOOD, marker=".", lw=0, label="end, a hit"),
+                              Line2D([], [], color=BAD, marker=".", lw=0, label="end, not a hit"),
+                              Line2D([], [], color=GOOD, ls="--", lw=1, label=f"{limit:g} {unit} off")])
         canvas.save(figure, f"bullseye_{name}_{cell_name(cell)}")
 
 
@@ -129,11 +131,10 @@ def hit_rates(canvas, cells):
 
 def joint_histograms(canvas, figure_json, cell):
     """How the points of one frame fall on the classes of both features, before, after, and as it ought to be."""
-    classes = figure_json["classes"]
     views = [view for view in figure_json["views"] if sum(view["histogram"])]
     if not views:
         return
-    tables = [np.array(view["histogram"], float).reshape(classes, classes) for view in views]
+    tables = [np.array(view["histogram"], float).reshape(2 * [figure_json["classes"]]) for view in views]
     tables = [100 * table / table.sum() for table in tables]
     point, pixel = (("LiDAR distance", "image depth") if figure_json["features"] == "depth" else
                     ("LiDAR reflectance", "image brightness"))
@@ -151,10 +152,12 @@ def joint_histograms(canvas, figure_json, cell):
 def overlays(canvas, figure_json, cell, base):
     pictures = []
     for view in figure_json["views"]:
+        path = base / view["overlay"]
         try:
-            pictures.append((VIEW_TITLES[view["view"]], plt.imread(base / view["overlay"])))
-        except (OSError, SyntaxError):
-            canvas.missing.append(base / view["overlay"])
+            with open(path if path.is_file() else "", "rb") as file:  # a FIFO would be waited for
+                pictures.append((VIEW_TITLES[view["view"]], np.asarray(Image.open(file))))
+        except (OSError, SyntaxError, Image.DecompressionBombError):
+            canvas.missing.append(path)
     if not pictures:
         return
     height, width = pictures[0][1].shape[:2]
@@ -196,9 +199,8 @@ def draw_curve(canvas, result, _base):
         panel.axvline(0, color="0.8", lw=1)
         for curve in (curve for curve in curves if curve["axis"] == axis):
             name = curve["objective"]
-            span = (highest[name] - lowest[name]) or 1
             colour = LINES[objectives.index(name) % len(LINES)]
-            scores = (np.array(curve["score"]) - lowest[name]) / span
+            scores = (np.array(curve["score"]) - lowest[name]) / ((highest[name] - lowest[name]) or 1)
             panel.plot(curve["offset"], scores, color=colour)
             best = int(np.argmax(scores))
             panel.plot(curve["offset"][best], scores[best], "o", color=colour, ms=5)
@@ -206,9 +208,9 @@ def draw_curve(canvas, result, _base):
         panel.grid(color="0.92")
     for row in panels:
         row[0].set_ylabel("score, lowest 0, highest 1")
-    entries = [Line2D([], [], color=LINES[k % len(LINES)], marker="o", ms=5,
-                      label=f"{name} ({lowest[name]:.3f} to {highest[name]:.3f})") for k, name in enumerate(objectives)]
-    legend_below(figure, entries)
+    legend_below(figure, [Line2D([], [], color=LINES[k % len(LINES)], marker="o", ms=5,
+                                 label=f"{name} ({lowest[name]:.3f} to {highest[name]:.3f})")
+                          for k, name in enumerate(objectives)])
     figure.suptitle(f"Score along each axis about the recording's extrinsic, {len(result['recording']['frames'])} frames; "
                     "dots: the best")
     canvas.save(figure, "curves")
@@ -261,8 +263,7 @@ def timelines(canvas, entries):
         for pair, verdict in zip(pairs, entry["verdict"]):
             panel.axvspan(pair - 0.5, pair + 0.5, color=VERDICTS[verdict], lw=0)
         shown |= set(np.array(entry["verdict"])[pairs > -shown_before])
-        evidence = np.array(entry["evidence"])
-        own = AXES.index(entry["axis"])
+        evidence, own = np.array(entry["evidence"]), AXES.index(entry["axis"])
         for axis in range(6):
             panel.plot(pairs, evidence[:, axis], color=LINES[0] if axis == own else STARTS, lw=2 if axis == own else 0.9,
                        zorder=3 if axis == own else 2)
@@ -387,7 +388,7 @@ def main():
         draw[result["kind"]](canvas, result, arguments.result.resolve().parent)
     except OSError as error:
         sys.exit(f"calib-eval: {error.filename}: {error.strerror}")
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, LookupError, TypeError, RecursionError, MemoryError) as error:
         sys.exit(f"calib-eval: {arguments.result} is not a result of calib-eval ({type(error).__name__}: {error})")
     if canvas.missing:
         sys.exit(f"calib-eval: {len(canvas.missing)} overlays cannot be read and are not drawn, the first: {canvas.missing[0]}")

@@ -5,6 +5,8 @@
 #include <fstream>
 #include <system_error>
 
+#include "calib/file.hpp"
+
 namespace calib::eval {
 namespace {
 
@@ -96,8 +98,6 @@ std::string columns(const std::array<std::string, 9>& cells) {
   }
   return line;
 }
-
-fs::path part_of(fs::path file) { return file += ".part"; }
 
 tl::unexpected<Error> write_failed(const fs::path& file, const std::string& why = "") {
   return fail("write_failed", file.string() + " cannot be written" + why);
@@ -252,26 +252,26 @@ Result<ResultFile> ResultFile::at(const fs::path& file) {
   result.replaced_ = type == fs::file_type::regular || type == fs::file_type::not_found;
   if (!result.replaced_) return result;
   // Not canonical(), as what a link points to need not be there yet.
-  for (int links = 0; links < 40 && fs::is_symlink(fs::symlink_status(result.file_, error)); ++links)
+  for (int links = 0; links < 40 && fs::is_symlink(fs::symlink_status(result.file_, error)); ++links) {
+    if (is_foreign_link(result.file_))
+      return write_failed(file, ": " + result.file_.string() + " is a link that another user has made");
     result.file_ = result.file_.parent_path() / fs::read_symlink(result.file_, error);
-  const fs::path part = part_of(result.file_);
-  const bool writable = std::ofstream(part).is_open();
-  if (writable) fs::remove(part, error);
-  return writable ? Result<ResultFile>(std::move(result)) : write_failed(file);
+  }
+  const fs::path trial = result.file_.string() + ".trial";
+  if (!replace_file(trial, "")) return write_failed(file);
+  fs::remove(trial, error);
+  return result;
 }
 
 Result<void> ResultFile::write(Json& json, bool complete) const {
   json["complete"] = complete;
   if (file_.empty() || (!replaced_ && !complete)) return {};
-  const fs::path written = replaced_ ? part_of(file_) : file_;
-  std::ofstream out(written);
   // Names may hold any bytes that a file system allows.
-  out << json.dump(1, ' ', false, Json::error_handler_t::replace) << '\n' << std::flush;
-  std::error_code error;
-  if (out && replaced_) fs::rename(written, file_, error);
-  if (out && !error) return {};
-  if (replaced_) fs::remove(written, error);
-  return write_failed(named_);
+  const std::string text = json.dump(1, ' ', false, Json::error_handler_t::replace) + '\n';
+  if (replaced_) return replace_file(file_, text);
+  std::ofstream out(file_);
+  out << text << std::flush;
+  return out ? Result<void>() : write_failed(named_);
 }
 
 }  // namespace calib::eval

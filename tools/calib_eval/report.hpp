@@ -32,7 +32,8 @@ using Json = nlohmann::ordered_json;
 [[nodiscard]] std::vector<std::string> remarks(const Experiment& experiment);
 
 /// Where a result goes. A file is replaced as a whole, so that it can be read at any time and an older result stays
-/// until there is a newer one; symbolic links are followed. A pipe or a device is written to as it is, once.
+/// until there is a newer one; symbolic links are followed, unless somebody else has made them. A pipe or a device is
+/// written to as it is, once.
 class ResultFile {
  public:
   /// `file` empty: not wanted. Fails with `write_failed` where it could not be written; changes nothing.

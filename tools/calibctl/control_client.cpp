@@ -11,6 +11,8 @@
 #include <iostream>
 #include <utility>
 
+#include "text.hpp"
+
 namespace calib::ctl {
 namespace {
 
@@ -87,7 +89,7 @@ Result<nlohmann::json> ask(const std::filesystem::path& path, const nlohmann::js
     return fail("no_answer", std::string("calibd hung up: ") + std::strerror(errno));
   const auto line = receive_line(socket->number, patience, waiting);
   if (!line) return tl::unexpected(line.error());
-  nlohmann::json reply = nlohmann::json::parse(*line, nullptr, /*allow_exceptions=*/false);
+  nlohmann::json reply = parse_json(*line);
   if (!reply.is_object() || !reply.contains("ok") || !reply["ok"].is_boolean())
     return fail("malformed_reply", "the answer is not an object with \"ok\"");
   if (reply["ok"].get<bool>()) return reply;

@@ -1,9 +1,9 @@
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <iostream>
 #include <nlohmann/json.hpp>
 
+#include "calib/file.hpp"
 #include "commands.hpp"
 #include "stored_records.hpp"
 #include "text.hpp"
@@ -84,16 +84,22 @@ std::string record_text(const CalibrationRecord& record, const PublicKey& key) {
   return text.str();
 }
 
+/// Longer than any record and its signature.
+constexpr std::uint64_t largest_export = 2 << 20;
+
+/// Keeps what is there, whatever that is: a file of just these bytes is as good as a new one.
 Result<void> write_new(const std::filesystem::path& file, std::string_view bytes) {
-  if (std::filesystem::exists(file)) return fail("file_exists", file.string() + " exists and is kept");
-  std::ofstream out(file, std::ios::binary);
-  out << bytes << std::flush;
-  if (!out) return fail("export_failed", file.string() + " cannot be written");
-  return {};
+  std::error_code error;
+  const auto there = std::filesystem::symlink_status(file, error).type();
+  if (there == std::filesystem::file_type::regular && read_regular_file(file, largest_export) == bytes) return {};
+  if (!std::filesystem::exists(std::filesystem::file_status(there))) return replace_file(file, bytes);
+  return fail("file_exists", file.string() + " is there already, is not this record, and is kept; export into " +
+                                 "another folder, or move it away");
 }
 
 Result<void> export_record(const VerifiedRecord& shown, const std::filesystem::path& folder) {
   std::error_code error;
+  if (is_foreign_link(folder)) return fail("export_failed", folder.string() + " is a link that another user has made");
   std::filesystem::create_directories(folder, error);
   if (error) return fail("export_failed", folder.string() + ": " + error.message());
   const std::filesystem::path file = folder / record_file_name(shown.record.sequence);
@@ -102,13 +108,9 @@ Result<void> export_record(const VerifiedRecord& shown, const std::filesystem::p
 }
 
 Result<std::string> read_text_file(const std::filesystem::path& file) {
-  constexpr std::streamsize largest = 2 << 20;
-  std::ifstream in(file, std::ios::binary);
-  if (!in) return fail("not_found", file.string() + " cannot be read");
-  std::string text(largest, '\0');
-  in.read(text.data(), largest);
-  text.resize(static_cast<std::size_t>(in.gcount()));
-  return text;
+  auto text = read_regular_file(file, largest_export);
+  if (text) return text;
+  return fail(text.error().code == "file_too_large" ? "malformed_record" : "not_found", text.error().context);
 }
 
 /// A record that its signature vouches for; its place in the chain is not looked at.

@@ -5,10 +5,9 @@
 #include <algorithm>
 #include <chrono>
 #include <csignal>
-#include <fstream>
 #include <iostream>
-#include <sstream>
 
+#include "calib/file.hpp"
 #include "commands.hpp"
 #include "control_client.hpp"
 #include "status_text.hpp"
@@ -42,16 +41,16 @@ struct Report {
 };
 
 Result<json> read_snapshot(const Places& places, std::optional<double>& age_s) {
+  constexpr std::uint64_t most_bytes = 4 << 20;
   struct stat about {};
-  std::ifstream file(places.snapshot(), std::ios::binary);
-  if (!file || ::stat(places.snapshot().c_str(), &about) != 0)
-    return fail("daemon_not_running",
-                "calibd does not run, and it has left no snapshot in " + places.snapshot().string());
+  const auto content = read_regular_file(places.snapshot(), most_bytes);
+  if (!content || ::stat(places.snapshot().c_str(), &about) != 0)
+    return fail("daemon_not_running", "calibd does not run, and it has left no snapshot in " +
+                                          places.snapshot().string() +
+                                          (content ? "" : " (" + content.error().context + ")"));
   age_s = std::max(0.0,
                    std::chrono::duration<double>(now() - std::chrono::seconds(about.st_mtim.tv_sec)).count());
-  std::ostringstream content;
-  content << file.rdbuf();
-  return json::parse(content.str(), nullptr, /*allow_exceptions=*/false);
+  return parse_json(*content);
 }
 
 void annotate(Report& report) {

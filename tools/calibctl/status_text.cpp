@@ -32,7 +32,11 @@ std::string duration(double seconds) {
   return decimals(seconds / 86400, 1) + " days";
 }
 
-double seconds_between(WallTime from, WallTime to) { return std::chrono::duration<double>(to - from).count(); }
+/// Of times that may lie further apart than nanoseconds can say.
+double seconds_between(WallTime from, WallTime to) {
+  using Seconds = std::chrono::duration<double>;
+  return (Seconds(to) - Seconds(from)).count();
+}
 
 std::string skipped_words(const PairStatus& pair) {
   std::uint64_t total = 0;

@@ -83,6 +83,19 @@ std::string how_far(const RigidTransform& motion) {
          decimals(motion.translation().norm() * 100, 1) + " cm";
 }
 
+nlohmann::json parse_json(std::string_view text) {
+  constexpr int deepest = 64;
+  bool too_deep = false;
+  auto json = nlohmann::json::parse(
+      text,
+      [&](int depth, nlohmann::json::parse_event_t, nlohmann::json&) {
+        too_deep = too_deep || depth > deepest;
+        return !too_deep;
+      },
+      /*allow_exceptions=*/false);
+  return too_deep ? nlohmann::json(nlohmann::json::value_t::discarded) : json;
+}
+
 std::string json_text(const nlohmann::json& value, int indent) {
   return value.dump(indent, ' ', /*ensure_ascii=*/true, nlohmann::json::error_handler_t::replace) + '\n';
 }

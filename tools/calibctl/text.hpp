@@ -37,6 +37,8 @@ class Text {
 [[nodiscard]] std::string decimals(double value, int places);
 /// `1.02 degrees and 3.1 cm`.
 [[nodiscard]] std::string how_far(const RigidTransform& motion);
+/// `discarded` when `text` is no JSON, or nests deeper than 64: what goes through a value goes down as deep as that.
+[[nodiscard]] nlohmann::json parse_json(std::string_view text);
 /// JSON and a newline; ASCII only, so that no text from outside steers a terminal.
 [[nodiscard]] std::string json_text(const nlohmann::json& value, int indent);
 /// `1 record`, `2 records`.

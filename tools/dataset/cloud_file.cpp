@@ -1,14 +1,15 @@
 #include "dataset/cloud_file.hpp"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <cstring>
-#include <fstream>
-#include <iterator>
 #include <optional>
-#include <sstream>
 #include <string>
+#include <string_view>
 #include <vector>
+
+#include "calib/file.hpp"
 
 namespace calib {
 namespace {
@@ -65,26 +66,53 @@ struct PcdHeader {
   std::string encoding;
 };
 
+using Words = std::vector<std::string_view>;
+
 /// The words of the header's line that begins with `key`, without the key.
-using HeaderLines = std::vector<std::vector<std::string>>;
-std::vector<std::string> words_of(const HeaderLines& lines, const char* key) {
-  for (const auto& words : lines)
+Words words_of(const std::vector<Words>& lines, std::string_view key) {
+  for (const Words& words : lines)
     if (words.front() == key) return {words.begin() + 1, words.end()};
   return {};
 }
 
-std::size_t count_of(const std::string& word) {
+/// Takes a line off the front of `text`, without its end. Nothing when `text` is empty.
+std::optional<std::string_view> take_line(std::string_view& text) {
+  if (text.empty()) return std::nullopt;
+  const std::string_view line = text.substr(0, text.find('\n'));
+  text.remove_prefix(std::min(line.size() + 1, text.size()));
+  return line;
+}
+
+Words split(std::string_view line) {
+  constexpr std::string_view white = " \t\r\v\f";
+  Words words;
+  for (std::size_t begin = 0; (begin = line.find_first_not_of(white, begin)) != std::string_view::npos;) {
+    words.push_back(line.substr(begin, line.find_first_of(white, begin) - begin));
+    begin += words.back().size();
+  }
+  return words;
+}
+
+/// What a file says, as far as an error's text has room for it.
+std::string excerpt(std::string_view text) {
+  constexpr std::size_t longest = 80;
+  return escape_control(text.substr(0, longest)) + (text.size() > longest ? "..." : "");
+}
+
+std::size_t count_of(std::string_view word) {
   std::size_t count = 0;
   std::from_chars(word.data(), word.data() + word.size(), count);
   return count;
 }
 
-/// Reads up to and with the DATA line; `in` then stands at the first point.
-Result<PcdHeader> read_pcd_header(std::istream& in, const fs::path& path) {
-  HeaderLines lines;
-  for (std::string line; lines.size() < 32 && std::getline(in, line);) {
-    std::istringstream stream(line);
-    const std::vector<std::string> words{std::istream_iterator<std::string>(stream), {}};
+/// Takes all up to and with the DATA line off the front of `text`, which then begins with the first point.
+Result<PcdHeader> take_pcd_header(std::string_view& text, const fs::path& path) {
+  constexpr std::size_t most_lines = 32, longest_line = 16384, most_values = 8192;
+  std::vector<Words> lines;
+  while (lines.size() < most_lines) {
+    const auto line = take_line(text);
+    if (!line || line->size() > longest_line) break;
+    const Words words = split(*line);
     if (words.empty() || words.front().front() == '#') continue;
     lines.push_back(words);
     if (words.front() == "DATA") break;
@@ -100,10 +128,12 @@ Result<PcdHeader> read_pcd_header(std::istream& in, const fs::path& path) {
   header.encoding = data[0];
   for (std::size_t i = 0; i < names.size(); ++i) {
     const std::size_t bytes = count_of(sizes[i]), count = counts.empty() ? 1 : count_of(counts[i]);
-    if (bytes == 0 || bytes > 8 || count > 4096) return unreadable(path, "has a PCD field of an impossible size");
+    if (bytes == 0 || bytes > 8 || count > most_values)
+      return unreadable(path, "has a PCD field of an impossible size");
     const Field field{types[i][0], bytes, header.point_bytes, header.columns};
     header.point_bytes += bytes * count;
     header.columns += count;
+    if (header.columns > most_values) return unreadable(path, "has points of more than 8192 values");
     auto* wanted = names[i] == "x"   ? &header.x
                    : names[i] == "y" ? &header.y
                    : names[i] == "z" ? &header.z
@@ -121,7 +151,7 @@ Result<PcdHeader> read_pcd_header(std::istream& in, const fs::path& path) {
   return header;
 }
 
-Result<LidarScan> read_binary_points(const PcdHeader& header, const std::string& bytes, const fs::path& path) {
+Result<LidarScan> read_binary_points(const PcdHeader& header, std::string_view bytes, const fs::path& path) {
   if (bytes.size() / header.point_bytes < header.points) return unreadable(path, "ends before its last point");
   LidarScan scan;
   for (std::size_t i = 0; i < header.points; ++i) {
@@ -134,17 +164,17 @@ Result<LidarScan> read_binary_points(const PcdHeader& header, const std::string&
   return scan;
 }
 
-Result<LidarScan> read_ascii_points(const PcdHeader& header, std::istream& in, const fs::path& path) {
+Result<LidarScan> read_ascii_points(const PcdHeader& header, std::string_view bytes, const fs::path& path) {
   LidarScan scan;
   std::vector<float> values(header.columns);
-  std::string line;
   for (std::size_t i = 0; i < header.points; ++i) {
-    if (!std::getline(in, line)) return unreadable(path, "ends before its last point");
-    const char *at = line.data(), *end = at + line.size();
+    const auto line = take_line(bytes);
+    if (!line) return unreadable(path, "ends before its last point");
+    const char *at = line->data(), *end = at + line->size();
     for (float& value : values) {
       while (at < end && (*at == ' ' || *at == '\t')) ++at;
       const auto [after, error] = std::from_chars(at, end, value);
-      if (error != std::errc()) return unreadable(path, "has a line that is no point: " + escape_control(line));
+      if (error != std::errc()) return unreadable(path, "has a line that is no point: " + excerpt(*line));
       at = after;
     }
     const auto value = [&](const std::optional<Field>& field) { return field ? values[field->column] : 0.f; };
@@ -153,17 +183,16 @@ Result<LidarScan> read_ascii_points(const PcdHeader& header, std::istream& in, c
   return scan;
 }
 
-Result<LidarScan> read_pcd(std::istream& in, const fs::path& path) {
-  const auto header = read_pcd_header(in, path);
+Result<LidarScan> read_pcd(std::string_view bytes, const fs::path& path) {
+  const auto header = take_pcd_header(bytes, path);
   if (!header) return tl::unexpected(header.error());
-  if (header->encoding == "ascii") return read_ascii_points(*header, in, path);
-  if (header->encoding == "binary") return read_binary_points(*header, {std::istreambuf_iterator<char>(in), {}}, path);
-  return unreadable(path, "is stored as " + escape_control(header->encoding) +
+  if (header->encoding == "ascii") return read_ascii_points(*header, bytes, path);
+  if (header->encoding == "binary") return read_binary_points(*header, bytes, path);
+  return unreadable(path, "is stored as " + excerpt(header->encoding) +
                               "; write it as binary (pcl_convert_pcd_ascii_binary IN OUT 1)");
 }
 
-Result<LidarScan> read_bin(std::istream& in, const fs::path& path) {
-  const std::string bytes{std::istreambuf_iterator<char>(in), {}};
+Result<LidarScan> read_bin(std::string_view bytes, const fs::path& path) {
   if (bytes.size() % sizeof(LidarPoint) != 0)
     return unreadable(path, "does not hold whole points of four 32-bit floats");
   LidarScan scan;
@@ -179,21 +208,19 @@ Result<LidarScan> read_bin(std::istream& in, const fs::path& path) {
 }  // namespace
 
 Result<LidarScan> read_cloud(const fs::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  if (!in || fs::is_directory(path)) return unreadable(path, "is missing or cannot be read");
+  constexpr std::uint64_t most_bytes = 256 << 20;
   const bool pcd = path.extension() == ".pcd";
   if (!pcd && path.extension() != ".bin") return unreadable(path, "is neither .bin nor .pcd");
-  auto scan = pcd ? read_pcd(in, path) : read_bin(in, path);
+  const auto bytes = read_regular_file(path, most_bytes);
+  if (!bytes) return fail("cloud_unreadable", bytes.error().context);
+  auto scan = pcd ? read_pcd(*bytes, path) : read_bin(*bytes, path);
   if (scan && scan->points.empty()) return fail("cloud_empty", path.string() + " holds no point");
   return scan;
 }
 
 Result<void> write_cloud(const fs::path& path, const LidarScan& scan) {
-  std::ofstream out(path, std::ios::binary);
-  out.write(reinterpret_cast<const char*>(scan.points.data()),
-            static_cast<std::streamsize>(scan.points.size() * sizeof(LidarPoint)));
-  if (!out.flush()) return fail("write_failed", path.string() + " cannot be written");
-  return {};
+  return replace_file(path,
+                      {reinterpret_cast<const char*>(scan.points.data()), scan.points.size() * sizeof(LidarPoint)});
 }
 
 }  // namespace calib

@@ -5,11 +5,11 @@
 #include <charconv>
 #include <cmath>
 #include <cstring>
-#include <fstream>
-#include <iterator>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "calib/file.hpp"
+#include "dataset/encoded_image.hpp"
 #include "vehicle/random.hpp"
 
 namespace calib {
@@ -32,8 +32,10 @@ std::string_view after(std::string_view header, std::string_view key) {
 
 /// NumPy's format, versions 1 to 3: magic, version, length of the header, the header, then the values.
 Result<cv::Mat> read_npy(const fs::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  const std::string bytes{std::istreambuf_iterator<char>(in), {}};
+  constexpr std::uint64_t most_bytes = 256 << 20;
+  const auto read = read_regular_file(path, most_bytes);
+  if (!read) return fail("depth_unreadable", read.error().context);
+  const std::string& bytes = *read;
   constexpr std::string_view magic = "\x93NUMPY";
   if (!bytes.starts_with(magic) || bytes.size() < 12) return unreadable(path, "is not an .npy file");
   const auto byte = [&](std::size_t i) { return static_cast<std::size_t>(static_cast<std::uint8_t>(bytes[i])); };
@@ -56,9 +58,11 @@ Result<cv::Mat> read_npy(const fs::path& path) {
     return unreadable(path,
                       "is not a two-dimensional array of little-endian float32 in C order; "
                       "save it with numpy.ascontiguousarray(depth, '<f4')");
-  cv::Mat values(rows, columns, CV_32FC1);
-  const std::size_t size = values.total() * sizeof(float);
+  // Before memory is taken for them.
+  const std::size_t size =
+      std::size_t{sizeof(float)} * static_cast<std::size_t>(rows) * static_cast<std::size_t>(columns);
   if (bytes.size() - start - length != size) return unreadable(path, "does not hold as many values as its shape says");
+  cv::Mat values(rows, columns, CV_32FC1);
   std::memcpy(values.data, bytes.data() + start + length, size);
   return values;
 }
@@ -71,12 +75,10 @@ struct Stored {
 
 Result<Stored> read_stored(const fs::path& path) {
   if (path.extension() == ".npy") return read_npy(path).map([](const cv::Mat& values) { return Stored{values, 1}; });
-  cv::Mat image;
-  try {
-    image = cv::imread(path.string(), cv::IMREAD_UNCHANGED);
-  } catch (const cv::Exception&) {  // a damaged header
-  }
-  if (image.empty()) return unreadable(path, "is not an image");
+  const auto encoded = EncodedImage::read(path, "depth_unreadable");
+  if (!encoded) return tl::unexpected(encoded.error());
+  cv::Mat image = encoded->decode(cv::IMREAD_UNCHANGED);
+  if (image.empty()) return unreadable(path, "is damaged");
   if (image.type() != CV_16UC1 && image.type() != CV_32FC1)
     return unreadable(path, "is neither 16-bit nor 32-bit float with one channel");
   const double usual_scale = image.type() == CV_16UC1 ? 256 : 1;
@@ -178,13 +180,7 @@ Result<void> write_range_png(const fs::path& path, int width, int height, const 
     const float value = std::round(256 * range);
     return static_cast<std::uint16_t>(value > 0 && value < 65536 ? value : 0);
   });
-  bool written = false;
-  try {
-    written = cv::imwrite(path.string(), pixels);
-  } catch (const cv::Exception&) {  // no such folder
-  }
-  if (!written) return fail("write_failed", path.string() + " cannot be written");
-  return {};
+  return write_encoded(path, pixels);
 }
 
 }  // namespace calib

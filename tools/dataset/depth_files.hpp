@@ -25,7 +25,7 @@ enum class DepthKind {
 
 /// A folder with one depth map for every frame: `<frame name>.png` (16 bit), `.tif`, `.tiff`, `.pfm` (one channel of
 /// 32-bit floats) or `.npy` (two-dimensional, little-endian float32, C order). A value of 0 or below, or one that is
-/// not finite, is no depth.
+/// not finite, is no depth. Files of up to 256 MiB and 64 Mpx are read.
 struct DepthFolder {
   std::filesystem::path folder;
   DepthKind kind = DepthKind::disparity;

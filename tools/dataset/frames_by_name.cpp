@@ -17,9 +17,10 @@ using Files = std::map<std::string, fs::path>;
 Result<Files> files_in(const fs::path& folder, const char* what, std::initializer_list<const char*> extensions) {
   std::error_code error;
   Files files;
-  for (const auto& entry : fs::directory_iterator(folder, error))
-    if (std::ranges::find(extensions, entry.path().extension()) != extensions.end())
-      files.emplace(entry.path().stem().string(), entry.path());
+  // Not a range, whose steps throw.
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error))
+    if (std::ranges::find(extensions, entry->path().extension()) != extensions.end())
+      files.emplace(entry->path().stem().string(), entry->path());
   if (error || files.empty()) return fail("recording_not_found", folder.string() + " holds no " + what);
   return files;
 }

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
+#include <utility>
 
 #include "calib/frame.hpp"
 #include "calib/result.hpp"
@@ -10,8 +12,10 @@ namespace calib {
 /// Whether `Image::rgb` is filled too, where the file has colour.
 enum class Colours { grey, rgb };
 
-/// Reads an image of any format that OpenCV knows; the stamp is left at 0. Fails with `image_unreadable`.
-[[nodiscard]] Result<Image> read_image(const std::filesystem::path& path, Colours colours = Colours::grey);
+/// Reads a PNG, JPEG, TIFF, BMP or PNM of up to 256 MiB and 64 Mpx; the stamp is left at 0. Fails with
+/// `image_unreadable`, and before anything is decoded when it has another size than `size`, its camera's.
+[[nodiscard]] Result<Image> read_image(const std::filesystem::path& path, Colours colours = Colours::grey,
+                                       std::optional<std::pair<int, int>> size = std::nullopt);
 
 /// Writes `.png`. Fails with `write_failed`.
 [[nodiscard]] Result<void> write_image(const std::filesystem::path& path, const Image& image);

@@ -1,6 +1,8 @@
-#include <array>
-#include <opencv2/core.hpp>
+#include <yaml-cpp/yaml.h>
 
+#include <array>
+
+#include "calib/file.hpp"
 #include "dataset/frames_by_name.hpp"
 #include "dataset/kitti_calibration.hpp"
 #include "dataset/recording.hpp"
@@ -10,28 +12,25 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// A fisheye's file, in the OpenCV dialect of YAML that camodocal writes.
+/// A fisheye's file, as camodocal writes it with OpenCV. Its `%YAML:1.0` is no directive that others know, and skipped.
 Result<Camera> read_fisheye(const fs::path& path) {
-  if (std::error_code error; !fs::is_regular_file(path, error))
-    return fail("calibration_missing", path.string() + " cannot be read; it comes with the data set's calibration");
+  constexpr std::uint64_t most_bytes = 1 << 20;
+  const auto text = read_regular_file(path, most_bytes);
+  if (!text) return fail("calibration_missing", text.error().context + "; it comes with the data set's calibration");
   std::array<double, 11> values{};
   try {
-    const cv::FileStorage file(path.string(), cv::FileStorage::READ);
-    const cv::FileNode mirror = file["mirror_parameters"], distortion = file["distortion_parameters"],
-                       projection = file["projection_parameters"];
-    const std::array nodes{file["image_width"], file["image_height"], projection["gamma1"], projection["gamma2"],
-                           projection["u0"],    projection["v0"],     mirror["xi"],         distortion["k1"],
-                           distortion["k2"],    distortion["p1"],     distortion["p2"]};
-    for (std::size_t i = 0; i < nodes.size(); ++i) {
-      if (!nodes[i].isReal() && !nodes[i].isInt())
-        return fail("calibration_malformed",
-                    path.string() +
-                        " lacks one of image_width, image_height, mirror_parameters xi, "
-                        "distortion_parameters k1 k2 p1 p2, projection_parameters gamma1 gamma2 u0 v0");
-      values[i] = nodes[i].real();
-    }
-  } catch (const cv::Exception&) {
-    return fail("calibration_malformed", path.string() + " is not a YAML file that OpenCV reads");
+    const YAML::Node file = YAML::Load(*text);
+    const YAML::Node mirror = file["mirror_parameters"], distortion = file["distortion_parameters"],
+                     projection = file["projection_parameters"];
+    values = {file["image_width"].as<double>(),  file["image_height"].as<double>(), projection["gamma1"].as<double>(),
+              projection["gamma2"].as<double>(), projection["u0"].as<double>(),     projection["v0"].as<double>(),
+              mirror["xi"].as<double>(),         distortion["k1"].as<double>(),     distortion["k2"].as<double>(),
+              distortion["p1"].as<double>(),     distortion["p2"].as<double>()};
+  } catch (const YAML::Exception&) {
+    return fail("calibration_malformed", path.string() +
+                                             " is not YAML with the numbers image_width, image_height, "
+                                             "mirror_parameters xi, distortion_parameters k1 k2 p1 p2, "
+                                             "projection_parameters gamma1 gamma2 u0 v0");
   }
   const auto& [width, height, gamma1, gamma2, u0, v0, xi, k1, k2, p1, p2] = values;
   if (!(width >= 1 && width <= 1e5 && height >= 1 && height <= 1e5))

@@ -1,9 +1,10 @@
 #include "dataset/kitti_calibration.hpp"
 
 #include <Eigen/LU>
-#include <fstream>
 #include <iterator>
 #include <sstream>
+
+#include "calib/file.hpp"
 
 namespace calib {
 namespace {
@@ -19,9 +20,10 @@ bool is_rotation(const Eigen::Matrix3d& matrix) {
 }  // namespace
 
 Result<KittiCalibration> KittiCalibration::read(const std::filesystem::path& path) {
-  std::ifstream in(path);
-  if (!in || std::filesystem::is_directory(path))
-    return fail("calibration_missing", path.string() + " cannot be read; it comes with the data set's calibration");
+  constexpr std::uint64_t most_bytes = 1 << 20;
+  const auto text = read_regular_file(path, most_bytes);
+  if (!text) return fail("calibration_missing", text.error().context + "; it comes with the data set's calibration");
+  std::istringstream in(*text);
   KittiCalibration file(path);
   for (std::string line; std::getline(in, line);) {
     const auto colon = line.find(':');

@@ -18,7 +18,7 @@ Result<Recording> open_kitti_raw(const fs::path& folder, const std::string& came
   const fs::path drive = folder.has_filename() ? folder : folder.parent_path();
   std::error_code error;
   if (!fs::is_directory(drive, error)) return fail("recording_not_found", drive.string() + " is not a folder");
-  const fs::path date = fs::absolute(drive).parent_path();
+  const fs::path date = fs::absolute(drive, error).parent_path();
 
   const auto cameras = KittiCalibration::read(date / "calib_cam_to_cam.txt");
   if (!cameras) return tl::unexpected(cameras.error());

@@ -1,8 +1,9 @@
 #include "dataset/kitti_raw_writer.hpp"
 
-#include <fstream>
 #include <iomanip>
+#include <sstream>
 
+#include "calib/file.hpp"
 #include "dataset/cloud_file.hpp"
 #include "dataset/image_file.hpp"
 
@@ -31,8 +32,8 @@ Result<KittiRawWriter> KittiRawWriter::create(const fs::path& drive, const Camer
   for (const char* folder : {"image_02/data", "image_03/data", "velodyne_points/data"})
     if (fs::create_directories(drive / folder, error); error) return write_failed(drive / folder);
 
-  const fs::path cameras_path = fs::absolute(drive).parent_path() / "calib_cam_to_cam.txt";
-  std::ofstream cameras(cameras_path);
+  const fs::path date = fs::absolute(drive, error).parent_path();
+  std::ostringstream cameras;
   cameras.imbue(std::locale::classic());
   cameras << std::setprecision(17);
   Eigen::Matrix<double, 3, 4> P = Eigen::Matrix<double, 3, 4>::Zero();
@@ -43,16 +44,15 @@ Result<KittiRawWriter> KittiRawWriter::create(const fs::path& drive, const Camer
   P(0, 3) = -camera.fx() * baseline_m;
   write_matrix(cameras, "S_rect_03", Eigen::Vector2d(camera.width(), camera.height()));
   write_matrix(cameras, "P_rect_03", P);
-  if (!cameras.flush()) return write_failed(cameras_path);
 
-  const fs::path lidar_path = fs::absolute(drive).parent_path() / "calib_velo_to_cam.txt";
-  std::ofstream lidar(lidar_path);
+  std::ostringstream lidar;
   lidar.imbue(std::locale::classic());
   lidar << std::setprecision(17);
   write_matrix(lidar, "R", T_camera_lidar.linear());
   write_matrix(lidar, "T", T_camera_lidar.translation());
-  if (!lidar.flush()) return write_failed(lidar_path);
-  return KittiRawWriter(drive);
+  return replace_file(date / "calib_cam_to_cam.txt", cameras.str())
+      .and_then([&] { return replace_file(date / "calib_velo_to_cam.txt", lidar.str()); })
+      .map([&] { return KittiRawWriter(drive); });
 }
 
 Result<void> KittiRawWriter::append(const FramePair& pair) {

@@ -5,6 +5,7 @@
 #include <initializer_list>
 #include <set>
 
+#include "calib/file.hpp"
 #include "dataset/frames_by_name.hpp"
 #include "dataset/recording.hpp"
 
@@ -136,15 +137,16 @@ Result<Recording> open_list(const fs::path& yaml) {
                 yaml.string() + " is a folder, and a list is a YAML file: " +
                     (fs::exists(usual, error) ? "give " + usual.string() : "tools/dataset/README.md describes it"));
   }
+  constexpr std::uint64_t most_bytes = 2 << 20;  // some ten thousand frames; yaml-cpp takes 300 times that
+  const auto text = read_regular_file(yaml, most_bytes);
+  if (!text) return fail("recording_not_found", text.error().context);
   try {
-    auto recording = read_list(YAML::LoadFile(yaml.string()), yaml.parent_path());
+    auto recording = read_list(YAML::Load(*text), yaml.parent_path());
     if (!recording && (recording.error().code == "bad_camera" || recording.error().code == "bad_transform"))
       recording.error().context = yaml.string() + ": " + recording.error().context;
     return recording;
   } catch (const Malformed& what) {
     return malformed(what.mark, what.why);
-  } catch (const YAML::BadFile&) {
-    return fail("recording_not_found", yaml.string() + " cannot be read");
   } catch (const YAML::Exception& what) {
     return malformed(what.mark, escape_control(what.msg));
   }

@@ -1,9 +1,10 @@
 #include "dataset/list_writer.hpp"
 
-#include <fstream>
 #include <iomanip>
 #include <span>
+#include <sstream>
 
+#include "calib/file.hpp"
 #include "dataset/cloud_file.hpp"
 #include "dataset/depth_files.hpp"
 #include "dataset/image_file.hpp"
@@ -31,7 +32,7 @@ Result<ListWriter> ListWriter::create(const fs::path& folder, const Camera& came
   for (const char* name : {"images", "clouds", "depth"})
     if (fs::create_directories(folder / name, error); error) return write_failed(folder / name);
 
-  std::ofstream out(folder / "recording.yaml");
+  std::ostringstream out;
   out.imbue(std::locale::classic());
   out << std::setprecision(17) << "camera: {model: " << to_string(camera.model()) << ", size: [" << camera.width()
       << ", " << camera.height() << "], ";
@@ -40,8 +41,8 @@ Result<ListWriter> ListWriter::create(const fs::path& folder, const Camera& came
   write_list(out << "}\nT_camera_lidar: {", "translation_m", translation_m(T_camera_lidar));
   write_list(out << ", ", "quaternion_xyzw", quaternion_xyzw(T_camera_lidar));
   out << "}\nimages: images\nclouds: clouds\n";
-  if (!out.flush()) return write_failed(folder / "recording.yaml");
-  return ListWriter(folder);
+  const auto written = replace_file(folder / "recording.yaml", out.str());
+  return written.map([&] { return ListWriter(folder); });
 }
 
 Result<void> ListWriter::append(const Image& image, const LidarScan& scan, const std::vector<float>& range_m) {

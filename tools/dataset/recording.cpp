@@ -6,12 +6,7 @@ namespace calib {
 namespace {
 
 Result<Image> read_camera_image(const std::filesystem::path& path, const Camera& camera, Colours colours) {
-  auto image = read_image(path, colours);
-  if (image && (image->width != camera.width() || image->height != camera.height()))
-    return fail("image_unreadable", path.string() + " is " + std::to_string(image->width) + " x " +
-                                        std::to_string(image->height) + " pixels, its calibration says " +
-                                        std::to_string(camera.width()) + " x " + std::to_string(camera.height()));
-  return image;
+  return read_image(path, colours, std::pair(camera.width(), camera.height()));
 }
 
 }  // namespace

@@ -68,7 +68,7 @@ class ConfigNode {
 [[nodiscard]] Result<void> parse_config_text(std::string_view yaml, const std::filesystem::path& file,
                                              const std::function<void(const ConfigNode&)>& read);
 
-/// The text of a file, of which at most 1 MiB and a byte is read. Fails with `config_not_found`.
+/// The text of a regular file. Fails with `config_not_found`, or with `bad_config` when it is larger than 1 MiB.
 [[nodiscard]] Result<std::string> read_config_text(const std::filesystem::path& file);
 
 }  // namespace calib
