@@ -5,9 +5,9 @@
 
 #include <cerrno>
 #include <cstring>
-#include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "calib/file.hpp"
 #include "calib/json_integer.hpp"
 
 namespace calib {
@@ -16,7 +16,7 @@ namespace {
 using nlohmann::json;
 
 constexpr std::string_view purpose = "calibd chain head";
-constexpr std::streamsize largest_file = 64 * 1024;
+constexpr std::uint64_t largest_file = 64 * 1024;
 
 std::filesystem::path file_in(const std::filesystem::path& folder) { return folder / "chain-head.json"; }
 
@@ -46,16 +46,12 @@ bool sync_folder(const std::filesystem::path& folder) {
 
 Result<std::optional<ChainHead>> read_chain_head(const std::filesystem::path& folder, const SigningKey& key) {
   const auto file = file_in(folder);
-  std::error_code error;
-  if (!std::filesystem::exists(file, error)) return std::optional<ChainHead>{};
+  const auto text = read_regular_file(file, largest_file);
+  if (!text && text.error().code == "file_not_found") return std::optional<ChainHead>{};
   const auto refuse = [&](const std::string& what) { return fail("malformed_head", file.string() + " " + what); };
-  if (!std::filesystem::is_regular_file(file, error)) return refuse("is no file");
-  std::string text(largest_file, '\0');
-  std::ifstream in(file, std::ios::binary);
-  in.read(text.data(), largest_file);
-  text.resize(static_cast<std::size_t>(in.gcount()));
+  if (!text) return fail("malformed_head", text.error().context);
   try {
-    json object = json::parse(text);
+    json object = json::parse(*text);
     const std::string mac = object.at("mac").get<std::string>();
     object.erase("mac");
     if (!key.is_mac(purpose, object.dump(), mac)) return refuse("was not written with this signing key");

@@ -3,9 +3,9 @@
 #include <unistd.h>
 
 #include <cerrno>
-#include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "calib/file.hpp"
 #include "calib/json_integer.hpp"
 #include "control_client.hpp"
 
@@ -52,11 +52,9 @@ Result<std::vector<SignedRecord>> from_daemon(const Places& places) {
 
 /// What calibd remembers as the last record; nothing where that cannot be read.
 std::optional<std::uint64_t> remembered(const Places& places) {
-  std::ifstream in(places.chain_head(), std::ios::binary);
-  std::string text(64 * 1024, '\0');
-  in.read(text.data(), static_cast<std::streamsize>(text.size()));
-  text.resize(static_cast<std::size_t>(in.gcount()));
-  const json head = json::parse(text, nullptr, /*allow_exceptions=*/false);
+  const auto text = read_regular_file(places.chain_head(), 64 * 1024);
+  if (!text) return std::nullopt;
+  const json head = json::parse(*text, nullptr, /*allow_exceptions=*/false);
   if (!head.is_object() || !head.contains("sequence") || !head["sequence"].is_number_unsigned()) return std::nullopt;
   return head["sequence"].get<std::uint64_t>();
 }
