@@ -2,8 +2,6 @@
 
 #include <map>
 
-#include "calib/store.hpp"
-
 namespace calib::ctl {
 namespace {
 
@@ -17,7 +15,7 @@ struct VerifiedRecords {
 Result<VerifiedRecords> read_verified(const Places& places) {
   const auto key = load_public_key(places.public_key);
   if (!key) return tl::unexpected(key.error());
-  const auto store = Store::open(places.store(), Store::Mode::read_only);
+  const auto store = open_store(places);
   if (!store) return tl::unexpected(store.error());
   VerifiedRecords found;
   const auto all = visit_verified(*store, *key, [&](const CalibrationRecord& record, const SignedRecord&) {
@@ -54,6 +52,18 @@ RecordCheck check(const PairStatus& pair, const VerifiedRecords& verified) {
 
 }  // namespace
 
+Result<Store> open_store(const Places& places) {
+  for (const char* suffix : {"", "-wal", "-shm", "-journal"}) {
+    std::filesystem::path file = places.store();
+    file += suffix;
+    std::error_code error;
+    const auto status = std::filesystem::status(file, error);
+    if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status))
+      return fail("store_failed", file.string() + " is no regular file");
+  }
+  return Store::open(places.store(), Store::Mode::read_only);
+}
+
 std::vector<RecordCheck> check_records(const Status& status, const Places& places) {
   const auto verified = read_verified(places);
   std::vector<RecordCheck> checks;
@@ -63,8 +73,8 @@ std::vector<RecordCheck> check_records(const Status& status, const Places& place
     else if (verified)
       checks.push_back(check(pair, *verified));
     else
-      checks.push_back({false, status.running && pair.record->verified,
-                        "not checked by calibctl: " + verified.error().context});
+      checks.push_back(
+          {false, status.running && pair.record->verified, "not checked by calibctl: " + verified.error().context});
   }
   return checks;
 }

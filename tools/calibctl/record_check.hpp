@@ -4,9 +4,13 @@
 #include <vector>
 
 #include "calib/status.hpp"
+#include "calib/store.hpp"
 #include "commands.hpp"
 
 namespace calib::ctl {
+
+/// The store, read only. SQLite would wait for a FIFO in the place of one of its files: that fails with `store_failed`.
+[[nodiscard]] Result<Store> open_store(const Places& places);
 
 /// Whether a pair's extrinsic is the one that its record says, signed and in an unbroken chain.
 struct RecordCheck {

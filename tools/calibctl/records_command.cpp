@@ -4,8 +4,8 @@
 #include <nlohmann/json.hpp>
 
 #include "calib/file.hpp"
-#include "calib/store.hpp"
 #include "commands.hpp"
+#include "record_check.hpp"
 #include "text.hpp"
 
 namespace calib::ctl {
@@ -25,7 +25,7 @@ struct Chain {
 };
 
 Result<Chain> read_chain(const Places& places) {
-  const auto store = Store::open(places.store(), Store::Mode::read_only);
+  const auto store = open_store(places);
   if (!store) return tl::unexpected(store.error());
   const auto key = load_public_key(places.public_key);
   if (!key) return tl::unexpected(key.error());
