@@ -15,7 +15,7 @@ import pytest
 
 from conftest import DONE, FAILED, NO, NOT_FOUND
 
-SECONDS = 20  # far longer than any of this takes, far shorter than for ever
+SECONDS = 60  # far longer than any of this takes, far shorter than for ever
 
 
 @pytest.fixture(scope="module")
