@@ -14,7 +14,7 @@ namespace {
 
 constexpr int schema_version = 1;
 constexpr int reader_patience_ms = 5000, writer_patience_ms = 250;
-constexpr std::array<const char*, 3> file_endings{"", "-wal", "-shm"};
+constexpr std::array<const char*, 4> file_endings{"", "-wal", "-shm", "-journal"};
 
 // AUTOINCREMENT keeps the highest alert sequence ever given, also when the outbox is empty again.
 constexpr const char* schema = R"sql(
@@ -132,6 +132,17 @@ Result<void> require_own_schema(sqlite3* database, const std::filesystem::path& 
   return {};
 }
 
+/// SQLite would wait for ever for a FIFO in the place of one of its files.
+Result<void> require_regular_files(const std::filesystem::path& file) {
+  for (const char* ending : file_endings) {
+    std::error_code error;
+    const auto status = std::filesystem::status(file.string() + ending, error);
+    if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status))
+      return fail("store_failed", file.string() + ending + " is no regular file");
+  }
+  return {};
+}
+
 /// Makes the file for its owner alone, or takes it back from others: SQLite gives its log files the same rights.
 Result<void> keep_for_owner(const std::filesystem::path& file) {
   const int made = ::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NONBLOCK, 0600);
@@ -172,6 +183,7 @@ Result<Store> Store::open(const std::filesystem::path& file, Mode mode) {
     return fail("store_not_found",
                 file.string() + " does not exist or may not be looked up; has calibd run?");
 
+  if (auto regular = require_regular_files(file); !regular) return tl::unexpected(regular.error());
   if (mode == Mode::read_write)
     if (auto kept = keep_for_owner(file); !kept) return tl::unexpected(kept.error());
   sqlite3* opened = nullptr;

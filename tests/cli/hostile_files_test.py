@@ -15,7 +15,7 @@ import pytest
 
 from conftest import DONE, FAILED, NO, NOT_FOUND
 
-SECONDS = 20  # far longer than any of this takes, far shorter than for ever
+SECONDS = 60  # far longer than any of this takes, far shorter than for ever
 
 
 @pytest.fixture(scope="module")
@@ -206,6 +206,18 @@ def test_records_and_keys_are_read_from_regular_files_alone(calibctl, exported, 
     assert done.exit == FAILED and "is not a minisign key file" in done.err
 
 
+@pytest.mark.parametrize("spoil, why", NOT_REGULAR)
+def test_a_store_is_made_of_regular_files(calibctl, ended, spoil, why):
+    for suffix in ("-wal", "-shm", "-journal", ""):
+        path = calibctl.store.with_name(calibctl.store.name + suffix)
+        spoil(path)
+        for command in ("verify", "history", "show"):
+            done = ended(*calibctl.command(command))
+            assert done.exit == FAILED and done.out == "" and f"{path} is no regular file" in done.err
+        assert f"{path} is no regular file" in ended(*calibctl.command("status")).out
+        path.unlink()
+
+
 def test_a_record_that_is_too_large_does_not_verify(calibctl, exported):
     os.truncate(exported, (2 << 20) + 1)
     verified = calibctl("verify", exported)
@@ -286,7 +298,7 @@ def test_no_more_than_pictures_are_copied_out_and_never_through_a_link(answered,
         return answered(json.dumps(answer).encode(), "doctor", "--overlay", pictures)
 
     done = ask(secret)
-    assert done.exit != DONE and f"{secret}, which calibd names, is not a picture" in done.err
+    assert done.exit == FAILED and f"{secret} cannot be copied" in done.err and "it is not a picture" in done.err
     replace_with_fifo(tmp_path / "fifo.png")
     assert "it is a FIFO" in ask(tmp_path / "fifo.png").err
     assert not list(pictures.iterdir())

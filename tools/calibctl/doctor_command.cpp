@@ -98,21 +98,25 @@ std::string examination_text(const Examination& examination) {
   return text.str();
 }
 
+/// Whoever asks may be root: no other file is copied out because calibd names it.
+Result<std::string> read_picture(const std::filesystem::path& file) {
+  constexpr std::uint64_t most_bytes = 256 << 20;
+  auto bytes = read_regular_file(file, most_bytes);
+  if (bytes && !bytes->starts_with("\x89PNG\r\n")) return fail("malformed_reply", "it is not a picture");
+  return bytes;
+}
+
 /// Copies the pictures out of calibd's own folder, and lets the answer name the copies.
 Result<void> take_overlays(json& reply, const std::filesystem::path& folder) {
-  constexpr std::uint64_t most_bytes = 256 << 20;
   std::error_code error;
   if (is_foreign_link(folder)) return fail("failed", folder.string() + " is a link that another user has made");
   std::filesystem::create_directories(folder, error);
   for (json& overlay : reply["overlays"]) {
     const std::filesystem::path from = overlay["file"].get<std::string>();
     const std::filesystem::path to = folder / from.filename();
-    const auto picture = read_regular_file(from, most_bytes);
-    if (!picture) return tl::unexpected(picture.error());
-    // Whoever asks may be root: what calibd names is not copied out because it says so.
-    if (!picture->starts_with("\x89PNG\r\n"))
-      return fail("malformed_reply", from.string() + ", which calibd names, is not a picture");
-    if (const auto copied = replace_file(to, *picture); !copied) return copied;
+    const auto copied = read_picture(from).and_then([&](const std::string& bytes) { return replace_file(to, bytes); });
+    if (!copied)
+      return fail("failed", from.string() + " cannot be copied to " + to.string() + ": " + copied.error().context);
     overlay["file"] = to.string();
   }
   return {};
