@@ -61,6 +61,15 @@ nlohmann::json refusal(std::string_view code, std::string_view message) {
   return {{"ok", false}, {"code", code}, {"message", message}};
 }
 
+Result<nlohmann::json> parse_request(std::string_view line) {
+  if (line.size() > max_request_bytes) return fail("bad_request", "a request is one line of at most 64 KiB");
+  auto request = nlohmann::json::parse(line, nullptr, /*allow_exceptions=*/false);
+  if (!request.is_object() || request.value("schema", nlohmann::json()) != 1 || !request.contains("request") ||
+      !request["request"].is_string())
+    return fail("bad_request", R"(a request is a JSON object with "schema": 1 and "request")");
+  return request;
+}
+
 ControlSocket::Answers::~Answers() {
   if (wake_fd >= 0) close(wake_fd);
 }
@@ -150,17 +159,12 @@ bool ControlSocket::read_request(std::uint64_t id, Connection& connection, const
     const std::uint64_t one = 1;
     [[maybe_unused]] const ssize_t written = write(answers->wake_fd, &one, sizeof one);
   };
-  if (end == std::string::npos || end > max_request_bytes) {
-    answer(refusal("bad_request", "a request is one line of at most 64 KiB"));
-    return true;
-  }
-  auto request = nlohmann::json::parse(connection.received.substr(0, end), nullptr, /*allow_exceptions=*/false);
+  auto request = parse_request(std::string_view(connection.received).substr(0, end));
   connection.received.clear();
-  if (!request.is_object() || request.value("schema", nlohmann::json()) != 1 || !request.contains("request") ||
-      !request["request"].is_string())
-    answer(refusal("bad_request", R"(a request is a JSON object with "schema": 1 and "request")"));
+  if (!request)
+    answer(refusal(request.error().code, request.error().context));
   else
-    ask({std::move(request), connection.peer, answer, connection.left});
+    ask({*std::move(request), connection.peer, answer, connection.left});
   return true;
 }
 

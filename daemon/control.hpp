@@ -82,6 +82,9 @@ class ControlSocket {
   std::shared_ptr<Answers> answers_;
 };
 
+/// One line of the control socket, without its end. Fails with `bad_request`.
+[[nodiscard]] Result<nlohmann::json> parse_request(std::string_view line);
+
 /// The reply that says no: `{"ok":false,"code":…,"message":…}`.
 [[nodiscard]] nlohmann::json refusal(std::string_view code, std::string_view message);
 

@@ -194,7 +194,7 @@ Result<PairState> parse_pair_state(std::string_view text) {
     state.drift = drift_from(in.at("drift"));
     state.evidence_sha256 = in.at("evidence_sha256").get<std::string>();
     const auto verdict = parse_verdict(in.at("verdict").get<std::string>());
-    if (!verdict) return tl::unexpected(verdict.error());
+    if (!verdict) return fail("malformed_state", "the saved state cannot be read: " + verdict.error().context);
     state.verdict = *verdict;
     state.reason = in.at("reason").get<std::string>();
     state.since = WallTime(integer_from<std::int64_t>(in.at("since_ns")));

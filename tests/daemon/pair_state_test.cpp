@@ -136,6 +136,7 @@ TEST_CASE("numbers that no monitor can have are refused: what is saved must not 
   CHECK(code("/probation/pairs", -1) == "malformed_state");
   CHECK(code("/probation/gain_squares", -1.0) == "malformed_state");
   CHECK(code("/refusals", -1) == "malformed_state");
+  CHECK(code("/verdict", "fine") == "malformed_state");
   CHECK(code("/schema", 1) == "malformed_state");
   // Drifted while still learning, by no evidence at all.
   nlohmann::json hollow = whole;

@@ -6,14 +6,14 @@
 
 namespace calib::fuzz {
 
-Octets seed() {
+std::vector<Octets> seeds() {
   const test::CameraInfoMessage good;
   Output out;
   out.put(good.sec).put(good.nanosec).put(good.width).put(good.height).put(good.k).put(good.p);
   out.put_text(good.distortion_model).put(static_cast<std::uint8_t>(good.d.size()));
   for (const double d : good.d) out.put(d);
   out.put(good.binning_x).put(good.binning_y).put(good.roi_x).put(good.roi_y).put(good.roi_width).put(good.roi_height);
-  return out.with({});
+  return {out.with({})};
 }
 
 }  // namespace calib::fuzz

@@ -6,14 +6,14 @@
 
 namespace calib::fuzz {
 
-Octets seed() {
+std::vector<Octets> seeds() {
   const test::CloudMessage good;
   Output out;
   out.put(good.nanosec).put(good.width).put(good.height).put(good.point_step).put(good.row_step);
   out.put(good.is_bigendian).put(static_cast<std::uint8_t>(good.fields.size()));
   for (const auto& field : good.fields)
     out.put_text(field.name).put(field.offset).put(field.datatype).put(field.count);
-  return out.with(good.data);
+  return {out.with(good.data)};
 }
 
 }  // namespace calib::fuzz

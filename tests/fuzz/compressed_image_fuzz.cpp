@@ -6,37 +6,32 @@
 
 namespace calib::fuzz {
 
-Octets seed() {
-  Octets jpeg, png;
-  cv::Mat scene(16, 24, CV_8UC3);
-  cv::randu(scene, 0, 255);
-  require(cv::imencode(".jpg", scene, jpeg) && cv::imencode(".png", scene, png));
-  return Output().put(static_cast<std::uint32_t>(jpeg.size())).with([&] {
-    jpeg.insert(jpeg.end(), png.begin(), png.end());
-    return jpeg;
-  }());
+/// JPEG and PNG, each grey and in colour, and a progressive JPEG.
+std::vector<Octets> seeds() {
+  std::vector<Octets> all;
+  for (const int type : {CV_8UC1, CV_8UC3}) {
+    cv::Mat scene(16, 24, type);
+    cv::RNG(7).fill(scene, cv::RNG::UNIFORM, 0, 255);
+    for (const char* extension : {".jpg", ".png"})
+      require(cv::imencode(extension, scene, all.emplace_back(), {cv::IMWRITE_JPEG_QUALITY, 50}));
+    require(cv::imencode(".jpg", scene, all.emplace_back(),
+                         {cv::IMWRITE_JPEG_PROGRESSIVE, 1, cv::IMWRITE_JPEG_QUALITY, 50}));
+  }
+  return all;
 }
 
-void decode(const Octets& data) {
-  test::CompressedImageMessage message;
-  message.data = data;
-  const auto image = decode_compressed_image(message.raw());
-  if (image)
-    require(image->pixels.size() == std::size_t(image->width) * image->height);
-  else
-    require(image.error().code.starts_with("malformed:"));
+void check(const Result<Image>& image) {
+  if (!image) return require(image.error().code.starts_with("malformed:"));
+  const std::size_t pixels = std::size_t(image->width) * image->height;
+  require(image->pixels.size() == pixels && (image->rgb.empty() || image->rgb.size() == 3 * pixels));
 }
 
 }  // namespace calib::fuzz
 
-/// A length, then a JPEG of that length, then a PNG: both in one input, so that one seed serves both
-/// decoders.
 int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
-  calib::fuzz::Input input(bytes, size);
-  const std::size_t length = input.take<std::uint32_t>();
-  const calib::fuzz::Octets both = input.rest();
-  const auto middle = both.begin() + static_cast<std::ptrdiff_t>(std::min(length, both.size()));
-  calib::fuzz::decode({both.begin(), middle});
-  calib::fuzz::decode({middle, both.end()});
+  calib::test::CompressedImageMessage message;
+  message.data.assign(bytes, bytes + size);
+  for (const auto colour : {calib::Colour::none, calib::Colour::rgb})
+    calib::fuzz::check(calib::decode_compressed_image(message.raw(), colour));
   return 0;
 }

@@ -4,7 +4,7 @@
 
 namespace calib::fuzz {
 
-Octets seed() {
+std::vector<Octets> seeds() {
   const std::string yaml = R"(vehicle: car
 dds: {domain: 0, interface: lo}
 sampling: {period: 10s, window: 2s, max_time_difference: 50ms}
@@ -16,14 +16,14 @@ pairs:
     depth: {source: stereo, right_image: /r, baseline_m: 0.3}
     recalibration: {mode: apply, frames: 25, max_rotation_deg: 5, max_translation_cm: 50}
 )";
-  return {yaml.begin(), yaml.end()};
+  return {octets(yaml)};
 }
 
 }  // namespace calib::fuzz
 
 int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
-  const std::string_view yaml(reinterpret_cast<const char*>(bytes), size);
-  const auto config = calib::parse_config(yaml, "c.yaml", {"/state", "/runtime", "/credentials"});
+  const auto config = calib::parse_config(calib::fuzz::text(bytes, size), "c.yaml",
+                                          {"/state", "/runtime", "/credentials"});
   if (config)
     calib::fuzz::require(!config->pairs.empty() && config->sampling.window <= config->sampling.period);
   else

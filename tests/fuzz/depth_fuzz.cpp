@@ -6,13 +6,13 @@
 
 namespace calib::fuzz {
 
-Octets seed() {
+std::vector<Octets> seeds() {
   const test::DisparityMessage good;
   Output out;
   out.put(good.sec).put(good.image.nanosec).put(good.image.width).put(good.image.height).put(good.image.step);
   out.put(good.image.is_bigendian).put(good.f).put(good.t).put(good.min_disparity).put(good.max_disparity);
   out.put(good.window_x).put(good.window_y).put(good.window_width).put(good.window_height);
-  return out.put_text("32FC1").with(good.image.data);
+  return {out.put_text("32FC1").with(good.image.data)};
 }
 
 void check(const Result<DepthImage>& depth) {

@@ -3,22 +3,41 @@
 #include <algorithm>
 #include <cstdint>
 #include <cstdlib>
+#include <filesystem>
+#include <initializer_list>
 #include <string>
+#include <string_view>
 #include <vector>
 
-/// One fuzz target: libFuzzer's entry point, and a well-formed input to start from. Built with clang and
-/// -DCALIBD_FUZZ=ON it is a libFuzzer program; otherwise replay.cpp gives it a main() that mutates the seed.
+#include "calib/result.hpp"
+
+/// One fuzz target: libFuzzer's entry point, and well-formed inputs to start from. Built with clang and
+/// -DCALIBD_FUZZ=ON it is a libFuzzer program; otherwise replay.cpp gives it a main() that mutates the seeds.
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size);
 
 namespace calib::fuzz {
 
 using Octets = std::vector<std::uint8_t>;
-[[nodiscard]] Octets seed();
+/// At least one, the same ones each time.
+[[nodiscard]] std::vector<Octets> seeds();
+
+/// Writes the seeds into `folder` (made where it is missing), one file each.
+void write_seeds(const std::filesystem::path& folder);
 
 /// What must hold for every input.
 inline void require(bool holds) {
   if (!holds) std::abort();
 }
+
+inline void require_code(const Error& error, std::initializer_list<std::string_view> codes) {
+  require(std::ranges::find(codes, error.code) != codes.end());
+}
+
+[[nodiscard]] inline Octets octets(std::string_view text) { return {text.begin(), text.end()}; }
+[[nodiscard]] inline std::string_view text(const std::uint8_t* bytes, std::size_t size) {
+  return {reinterpret_cast<const char*>(bytes), size};
+}
+[[nodiscard]] inline std::string_view text(const Octets& bytes) { return text(bytes.data(), bytes.size()); }
 
 /// Reads an input from its front; numbers past its end are zero.
 class Input {

@@ -4,11 +4,11 @@
 
 namespace calib::fuzz {
 
-Octets seed() {
+std::vector<Octets> seeds() {
   const test::ImuMessage good;
   Output out;
   out.put(good.sec).put(good.nanosec).put(good.angular_velocity).put(good.first_covariance);
-  return out.with({});
+  return {out.with({})};
 }
 
 void check(const Result<TurnRate>& rate) {

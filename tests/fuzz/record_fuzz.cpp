@@ -4,7 +4,7 @@
 
 namespace calib::fuzz {
 
-Octets seed() {
+std::vector<Octets> seeds() {
   CalibrationRecord record;
   record.vehicle = "demo-car";
   record.pair = "front";
@@ -15,24 +15,24 @@ Octets seed() {
   record.asked_by = "calibd";
   record.sigma = Vector6::Constant(0.001);
   record.score = CalibrationRecord::Score{0.1, 0.2, 0.1, 0.2};
-  record.baseline.emplace();
-  record.baseline->pairs = 20;
-  record.baseline->slope_covariance.setIdentity();
+  CalibrationRecord::Baseline baseline;
+  baseline.pairs = 20;
+  baseline.slope_covariance.setIdentity();
+  record.baseline = baseline;
   record.frame_stamps_ns = {1, 2, 3};
   record.configuration_sha256 = record.software_sha256 = sha256_hex("a");
   record.software_version = "0.1.0";
   record.wall_time = std::chrono::seconds(1'700'000'000);
   record.boot_id = "0c4c2d5e-6a39-4d0c-9d8e-1b7f6f9e2a11";
   record.boot_time = std::chrono::seconds(100);
-  const std::string bytes = canonical_bytes(record);
-  return {bytes.begin(), bytes.end()};
+  return {octets(canonical_bytes(record))};
 }
 
 }  // namespace calib::fuzz
 
 /// What is taken is in canonical form: a record has one spelling, or its signature would not mean one thing.
 int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
-  const std::string_view canonical(reinterpret_cast<const char*>(bytes), size);
+  const std::string_view canonical = calib::fuzz::text(bytes, size);
   const auto record = calib::parse_record(canonical);
   if (record)
     calib::fuzz::require(calib::canonical_bytes(*record) == canonical);

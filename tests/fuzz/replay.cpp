@@ -1,3 +1,4 @@
+#include <csignal>
 #include <cstdio>
 #include <fstream>
 #include <iterator>
@@ -5,9 +6,18 @@
 
 #include "fuzz/fuzz.hpp"
 
+#ifdef __SANITIZE_ADDRESS__
+#include <sanitizer/common_interface_defs.h>
+#endif
+
+extern "C" int LLVMFuzzerInitialize(int* argc, char*** argv);
+
 namespace {
 
 using calib::fuzz::Octets;
+namespace fs = std::filesystem;
+
+constexpr int mutations = 10'000;
 
 /// A few random changes: bits, edge values, pieces cut out or repeated. The same seed gives the same input.
 Octets mutated(Octets bytes, std::mt19937& random) {
@@ -41,29 +51,84 @@ Octets mutated(Octets bytes, std::mt19937& random) {
   return bytes;
 }
 
+const Octets* running = nullptr;
+fs::path failed_input;
+
+/// Keeps the input that ends the program.
+void keep_input() {
+  if (running == nullptr) return;
+  std::ofstream(failed_input, std::ios::binary)
+      .write(reinterpret_cast<const char*>(running->data()), static_cast<std::streamsize>(running->size()));
+  std::fprintf(stderr, "the input is in %s: run this program with it\n", failed_input.c_str());
+}
+
+void keep_input_and_end(int signal) {
+  keep_input();
+  std::signal(signal, SIG_DFL);
+  std::raise(signal);
+}
+
+void run(const Octets& input) {
+  running = &input;
+  LLVMFuzzerTestOneInput(input.data(), input.size());
+  running = nullptr;
+}
+
+bool run_file(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  if (!file) {
+    std::fprintf(stderr, "%s: cannot be read\n", path.c_str());
+    return false;
+  }
+  run({std::istreambuf_iterator<char>(file), {}});
+  return true;
+}
+
+/// Every other one is a mutation of the one before.
+void run_mutations() {
+  const std::vector<Octets> seeds = calib::fuzz::seeds();
+  for (const Octets& seed : seeds) run(seed);
+  std::mt19937 random(20260131);
+  Octets input;
+  for (std::size_t i = 0; i < mutations; ++i) {
+    input = mutated(i % 2 == 0 ? seeds[i / 2 % seeds.size()] : input, random);
+    run(input);
+  }
+}
+
+/// A corpus that is not there would let this test pass with nothing tried.
+bool run_corpus(const fs::path& folder) {
+  std::size_t files = 0;
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    if (!run_file(entry.path())) return false;
+    ++files;
+  }
+  std::printf("%zu files of %s, %d mutations of the seeds\n", files, folder.c_str(), mutations);
+  return files > 0;
+}
+
 }  // namespace
 
-/// With files: runs each (to look into what a fuzzer found). Without: the seed, then 10000 mutations of it,
-/// every other one a mutation of the one before.
+/// With files: runs each (to look into what a fuzzer found). With a folder: the seeds, mutations of them, and
+/// everything in the folder.
 int main(int argc, char** argv) {
-  for (int i = 1; i < argc; ++i) {
-    std::ifstream file(argv[i], std::ios::binary);
-    if (!file) {
-      std::fprintf(stderr, "%s: cannot be read\n", argv[i]);
-      return 1;
-    }
-    const Octets bytes{std::istreambuf_iterator<char>(file), {}};
-    LLVMFuzzerTestOneInput(bytes.data(), bytes.size());
+  LLVMFuzzerInitialize(&argc, &argv);
+  if (argc < 2) {
+    std::fprintf(stderr, "usage: %s FOLDER | FILE... | --write-seeds FOLDER\n", argv[0]);
+    return 2;
   }
-  if (argc > 1) return 0;
-
-  const Octets seed = calib::fuzz::seed();
-  LLVMFuzzerTestOneInput(seed.data(), seed.size());
-  std::mt19937 random(20260131);
-  Octets input = seed;
-  for (int i = 0; i < 10'000; ++i) {
-    input = mutated(i % 2 == 0 ? seed : input, random);
-    LLVMFuzzerTestOneInput(input.data(), input.size());
+  failed_input = fs::absolute(fs::path(argv[0]).filename() += ".failed-input");
+  std::signal(SIGABRT, keep_input_and_end);
+#ifdef __SANITIZE_ADDRESS__
+  __sanitizer_set_death_callback(keep_input);
+#else
+  for (const int signal : {SIGSEGV, SIGBUS, SIGFPE, SIGILL}) std::signal(signal, keep_input_and_end);
+#endif
+  if (argc == 2 && fs::is_directory(argv[1])) {
+    run_mutations();
+    return run_corpus(argv[1]) ? 0 : 1;
   }
+  for (int i = 1; i < argc; ++i)
+    if (!run_file(argv[i])) return 1;
   return 0;
 }
