@@ -16,30 +16,34 @@ namespace calib::fuzz {
 constexpr std::size_t header_bytes = 4;
 constexpr std::uint32_t xcdr1 = 1, xcdr2 = 2;  // as dds_istream_t has them
 
-template <typename Message, auto decode>
-void check_decoded(const void* sample) {
-  const auto decoded = decode(*static_cast<const Message*>(sample));
-  require(decoded.has_value() || decoded.error().code.starts_with("malformed:"));
+template <typename Message>
+const Message& as(const void* sample) {
+  return *static_cast<const Message*>(sample);
 }
 
-Result<Image> decode_colour(const sensor_msgs_msg_dds__Image_& message) { return decode_image(message, Colour::rgb); }
-Result<Image> decode_compressed(const sensor_msgs_msg_dds__CompressedImage_& message) {
-  return decode_compressed_image(message, Colour::rgb);
+template <typename Value>
+void check(const Result<Value>& decoded) {
+  require(decoded.has_value() || decoded.error().code.starts_with("malformed:"));
 }
 
 struct Type {
   const dds_topic_descriptor_t* descriptor;
-  void (*check)(const void* sample);
+  void (*decode)(const void* sample);
 };
 const std::array<Type, 8> types{{
-    {image_type.descriptor, check_decoded<sensor_msgs_msg_dds__Image_, decode_colour>},
-    {compressed_image_type.descriptor, check_decoded<sensor_msgs_msg_dds__CompressedImage_, decode_compressed>},
-    {cloud_type.descriptor, check_decoded<sensor_msgs_msg_dds__PointCloud2_, decode_cloud>},
-    {camera_info_type.descriptor, check_decoded<sensor_msgs_msg_dds__CameraInfo_, decode_camera_info>},
-    {disparity_image_type.descriptor, check_decoded<stereo_msgs_msg_dds__DisparityImage_, decode_disparity>},
-    {imu_type.descriptor, check_decoded<sensor_msgs_msg_dds__Imu_, decode_imu>},
-    {odometry_type.descriptor, check_decoded<nav_msgs_msg_dds__Odometry_, decode_odometry>},
-    {image_type.descriptor, check_decoded<sensor_msgs_msg_dds__Image_, decode_depth>},
+    {image_type.descriptor, [](const void* s) { check(decode_image(as<sensor_msgs_msg_dds__Image_>(s), Colour::rgb)); }},
+    {compressed_image_type.descriptor,
+     [](const void* s) {
+       check(decode_compressed_image(as<sensor_msgs_msg_dds__CompressedImage_>(s), Colour::rgb));
+     }},
+    {cloud_type.descriptor, [](const void* s) { check(decode_cloud(as<sensor_msgs_msg_dds__PointCloud2_>(s))); }},
+    {camera_info_type.descriptor,
+     [](const void* s) { check(decode_camera_info(as<sensor_msgs_msg_dds__CameraInfo_>(s))); }},
+    {disparity_image_type.descriptor,
+     [](const void* s) { check(decode_disparity(as<stereo_msgs_msg_dds__DisparityImage_>(s))); }},
+    {imu_type.descriptor, [](const void* s) { check(decode_imu(as<sensor_msgs_msg_dds__Imu_>(s))); }},
+    {odometry_type.descriptor, [](const void* s) { check(decode_odometry(as<nav_msgs_msg_dds__Odometry_>(s))); }},
+    {image_type.descriptor, [](const void* s) { check(decode_depth(as<sensor_msgs_msg_dds__Image_>(s))); }},
 }};
 
 /// A sample in memory, with all that Cyclone allocated for it.
@@ -124,7 +128,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
   const std::uint32_t xcdr = header[1] < 2 ? xcdr1 : xcdr2;
   Sample sample(*type.descriptor);
   if (!sample.read(input.rest(), swap, xcdr)) return 0;
-  type.check(sample.get());
+  type.decode(sample.get());
   // What was taken is what was sent.
   const Octets written = write(*type.descriptor, sample.get());
   Sample again(*type.descriptor);

@@ -22,8 +22,11 @@ pairs:
 }  // namespace calib::fuzz
 
 int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
-  const auto config = calib::parse_config(calib::fuzz::text(bytes, size), "c.yaml",
-                                          {"/state", "/runtime", "/credentials"});
+  calib::Places places;
+  places.state = "/state";
+  places.runtime = "/runtime";
+  places.credentials = "/credentials";
+  const auto config = calib::parse_config(calib::fuzz::text(bytes, size), "c.yaml", places);
   if (config)
     calib::fuzz::require(!config->pairs.empty() && config->sampling.window <= config->sampling.period);
   else

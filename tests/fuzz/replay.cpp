@@ -8,6 +8,9 @@
 
 #ifdef __SANITIZE_ADDRESS__
 #include <sanitizer/common_interface_defs.h>
+
+/// GCC's UBSan is a library of its own, which does not know of AddressSanitizer's callback.
+extern "C" const char* __ubsan_default_options() { return "abort_on_error=1"; }
 #endif
 
 extern "C" int LLVMFuzzerInitialize(int* argc, char*** argv);
