@@ -21,6 +21,7 @@ inline constexpr std::string_view depth_failed = "ac6348fdca7444b8b1f2d236c7508c
 inline constexpr std::string_view depth_prepared = "fcdfb253307c4ac6ab0cdbc80c56e583";
 inline constexpr std::string_view store_failed = "36d51b88823347e3b01ded9d1f0d96f0";
 inline constexpr std::string_view bus_failed = "dd3a3ce307864957942390745f8b86ec";
+inline constexpr std::string_view dds_complains = "5d2db67d9f774efb85ae440053915cd8";
 inline constexpr std::string_view snapshot_failed = "a2e1c201fcfd475ab3462404e5654036";
 
 }  // namespace calib::message_ids
