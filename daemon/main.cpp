@@ -15,6 +15,9 @@
 #include <thread>
 
 #include "control.hpp"
+#include "journal.hpp"
+#include "message_ids.hpp"
+#include "pair_topics.hpp"
 #include "service.hpp"
 #include "version.hpp"
 
@@ -76,7 +79,10 @@ calib::Provenance provenance(const calib::Config& config) {
 Result<std::unique_ptr<calib::Service>> make_service(calib::Config config, calib::SigningKey key) {
   auto ledger = calib::Ledger::open(config.state_dir, std::move(key), provenance(config));
   if (!ledger) return tl::unexpected(ledger.error());
-  auto bus = calib::Bus::open(config.dds.domain, config.dds.interface);
+  const auto log = [](int priority, const std::string& line) {
+    calib::journal(priority, calib::message_ids::dds_complains, line);
+  };
+  auto bus = calib::Bus::open(config.dds.domain, config.dds.interface, calib::max_sample_bytes(config), log);
   if (!bus) return tl::unexpected(bus.error());
   return calib::Service::make(std::move(config), std::move(*ledger), std::move(*bus));
 }

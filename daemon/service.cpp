@@ -6,6 +6,7 @@
 
 #include "journal.hpp"
 #include "message_ids.hpp"
+#include "pair_topics.hpp"
 
 namespace calib {
 namespace {
@@ -36,20 +37,6 @@ std::optional<Error> contradiction(const CameraInfo& info, const Camera& camera)
       return Error{"camera_info_mismatch", std::string("CameraInfo's ") + (rectified ? "P" : "K") +
                                                " differs from camera.intrinsics; correct the configuration"};
   return std::nullopt;
-}
-
-PairTopics topics_of(const PairConfig& pair) {
-  PairTopics topics{.image = pair.camera.image, .cloud = pair.lidar.cloud, .camera_info = pair.camera.info};
-  if (const auto* stereo = std::get_if<StereoDepthConfig>(&pair.depth)) {
-    topics.right_image = stereo->right_image;
-    topics.right_camera_info = stereo->right_info;
-  } else if (const auto* topic = std::get_if<TopicDepthConfig>(&pair.depth)) {
-    topics.depth = topic->topic;
-  } else {
-    topics.colour = Colour::rgb;
-  }
-  if (pair.motion) topics.motion = pair.motion->topic;
-  return topics;
 }
 
 }  // namespace
@@ -159,6 +146,8 @@ bool Service::prepare(Watch& watch) {
 /// Reads until a pair is complete or the window closes. Readers live no longer than this call.
 Result<FramePair> Service::collect(Watch& watch) {
   const auto end = steady_clock::now() + config_.sampling.window;
+  if (const auto right = watch.depth->right_size())
+    watch.topics.right_bound = ImageBound::exactly(*right, "the CameraInfo of depth.right_info");
   auto window = bus_.open_window(watch.topics);
   if (!window) return tl::unexpected(window.error());
   PairBuffer buffer(config_.sampling.max_time_difference, {.right_image = watch.topics.right_image.has_value(),

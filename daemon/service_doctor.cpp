@@ -1,3 +1,5 @@
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
@@ -113,9 +115,17 @@ class Ear {
     arrived("right_camera_info", right.info.stamp, now);
     right_camera_info = std::move(right.info);
   }
-  void note(Malformed& malformed, WallTime) {
+  void note(Malformed& malformed, WallTime now) {
     const auto topic = std::ranges::find(seen_.topics, malformed.topic, &TopicSeen::topic);
     if (topic == seen_.topics.end()) return;
+    if (malformed.image) {  // as good as any message, but for its size
+      arrived(topic->check, malformed.image->stamp, now);
+      if (topic->check == "image")
+        seen_.image = malformed.image->size;
+      else
+        seen_.companion_size = fmt::format("{}: {}", malformed.topic, malformed.error.context);
+      return;
+    }
     ++topic->malformed[malformed.error.code];
     topic->malformed_context = malformed.error.context;
   }
