@@ -63,7 +63,7 @@ class Ear {
  public:
   Ear(PairSeen& seen, PairBuffer buffer) : seen_(seen), buffer_(std::move(buffer)) {}
 
-  void hear(Sample sample, WallTime now) {
+  void hear(Sample& sample, WallTime now) {
     std::visit([&](auto& each) { note(each, now); }, sample);
     while (auto pair = buffer_.take()) pair_ = std::move(*pair);
   }
@@ -242,7 +242,7 @@ Result<std::optional<FramePair>> Service::listen(Watch& watch, PairSeen& seen) {
   while (!stopping() && steady_clock::now() < start + longest_listening) {
     auto samples = window->wait(std::chrono::milliseconds(200));
     if (!samples) return tl::unexpected(samples.error());
-    for (Sample& sample : *samples) ear.hear(std::move(sample), now().wall);
+    for (Sample& sample : *samples) ear.hear(sample, now().wall);
     breathe(steady_clock::now());
     seen.listened = steady_clock::now() - start;
     if (seen.listened < shortest_listening) continue;

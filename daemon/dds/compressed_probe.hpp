@@ -25,13 +25,12 @@ struct CompressedHeader {
 inline constexpr int max_jpeg_scans = 32;
 /// What a PNG holds beside its pixels.
 inline constexpr std::size_t max_png_metadata_bytes = 1 << 20;
-/// Of metadata that libpng decompresses, up to 8 MB each.
+/// Of metadata that libpng decompresses.
 inline constexpr int max_png_compressed_metadata = 4;
 
-/// Goes over all of it, in time that grows with its bytes (and a PNG's pixels) and without memory of its own. Fails with
-/// `malformed:compressed_format` (a kind that no camera sends: arithmetic, lossless or hierarchical JPEG, several frames,
-/// an animated PNG), `malformed:compressed_scans`, `malformed:compressed_metadata`, or `malformed:compressed_data` (not
-/// whole, or not as many pixels as its header says).
+/// Goes over all of it once and takes no memory. Fails with `malformed:compressed_format` (a kind that no camera sends:
+/// arithmetic, lossless or hierarchical JPEG, several frames, four colours, an animated PNG),
+/// `malformed:compressed_scans`, `malformed:compressed_metadata`, or `malformed:compressed_data` (not whole).
 [[nodiscard]] Result<void> check_compressed(std::span<const std::uint8_t> bytes, const CompressedHeader& header);
 
 }  // namespace calib

@@ -46,11 +46,12 @@ namespace calib {
 /// | malformed:distortion            | CameraInfo             | a known model, D finite and as long as it asks       |
 /// | malformed:roi                   | CameraInfo             | roi inside width x height, binning inside the roi    |
 /// | malformed:angular_velocity      | Imu, Odometry          | finite, below 100 rad/s, and there at all            |
-/// | out_of_memory                   | all with an image      | OpenCV and its decoders get what memory they ask for |
+/// | out_of_memory                   | all with an image      | decoders and conversions get what memory they need   |
 // clang-format on
 ///
-/// All of this is checked before anything is decoded, converted or allocated. So an image costs at most: raw, 4 bytes
-/// per pixel of its bound; a JPEG, 8 bytes more per pixel while it is decoded, and 32 passes over it.
+/// All of this is checked before anything is decoded, converted or allocated. What is taken holds 4 bytes per pixel, 8
+/// more while a progressive JPEG is decoded. The worst that is taken, a progressive JPEG of noise in 32 scans, takes 0.1 s
+/// at 1242 x 375 and 3 s at 4096 x 3000 (one core of a server); a camera's take a tenth of that.
 
 /// Whether an image's colour is wanted beside its grey.
 enum class Colour { none, rgb };

@@ -1,13 +1,12 @@
 #include <algorithm>
 #include <opencv2/core.hpp>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
-#include <new>
 #include <span>
 #include <string_view>
 
 #include "dds/compressed_probe.hpp"
 #include "dds/decode.hpp"
+#include "dds/decompress.hpp"
 
 namespace calib {
 namespace {
@@ -66,48 +65,20 @@ void scale_to_8_bit(const sensor_msgs_msg_dds__Image_& message, Image& image) {
   }
 }
 
-/// What OpenCV throws while it converts or decodes, which a decoder's own allocations may be.
-template <typename Work>
-Result<void> guarded(std::string_view code, Work work) {
-  try {
-    return work();
-  } catch (const cv::Exception& e) {
-    if (e.code == cv::Error::StsNoMem) return fail("out_of_memory", "there is no memory for the image");
-    return fail(std::string(code), "OpenCV refuses it: " + e.err);
-  } catch (const std::bad_alloc&) {
-    return fail("out_of_memory", "there is no memory for the image");
-  } catch (const std::exception& e) {
-    return fail(std::string(code), std::string("OpenCV refuses it: ") + e.what());
-  }
-}
-
 /// Into `out`, which has the size already.
 Result<void> convert(const cv::Mat& in, int conversion, int type, std::vector<std::uint8_t>& out) {
-  return guarded("malformed:image_data", [&]() -> Result<void> {
+  try {
     cv::Mat to(in.rows, in.cols, type, out.data());
     if (conversion == as_it_is)
       in.copyTo(to);
     else
       cv::cvtColor(in, to, conversion);
     if (to.data != out.data()) return fail("malformed:image_data", "the conversion changed its size");
-    return {};
-  });
-}
-
-/// JPEG or PNG, once its header has passed.
-Result<cv::Mat> decompress(std::span<const std::uint8_t> bytes, const CompressedHeader& header, Colour colour) {
-  if (const auto sound = check_compressed(bytes, header); !sound) return tl::unexpected(sound.error());
-  cv::Mat picture;
-  const auto decoded = guarded("malformed:compressed_data", [&]() -> Result<void> {
-    const cv::Mat in(1, static_cast<int>(bytes.size()), CV_8UC1, const_cast<std::uint8_t*>(bytes.data()));
-    const auto wanted = colour == Colour::rgb ? cv::IMREAD_COLOR : cv::IMREAD_GRAYSCALE;
-    picture = cv::imdecode(in, wanted | cv::IMREAD_IGNORE_ORIENTATION);
-    return {};
-  });
-  if (!decoded) return tl::unexpected(decoded.error());
-  if (picture.empty() || picture.cols != header.size.width || picture.rows != header.size.height)
-    return fail("malformed:compressed_data", "it does not decode to the size that its header gives");
-  return picture;
+  } catch (const cv::Exception& e) {
+    if (e.code == cv::Error::StsNoMem) return fail("out_of_memory", "there is no memory for the image");
+    return fail("malformed:image_data", "OpenCV refuses it: " + e.err);
+  }
+  return {};
 }
 
 }  // namespace
@@ -169,15 +140,17 @@ Result<Image> decode_compressed_image(const sensor_msgs_msg_dds__CompressedImage
   if (bytes.size() > most)
     return fail("malformed:compressed_size", std::to_string(bytes.size()) + " bytes where " + std::to_string(most) +
                                                  " are allowed for an image of its size");
-  const auto picture = decompress(bytes, *header, colour);
-  if (!picture) return tl::unexpected(picture.error());
-  Image image{*stamp, picture->cols, picture->rows, std::vector<std::uint8_t>(picture->total())};
+  if (const auto sound = check_compressed(bytes, *header); !sound) return tl::unexpected(sound.error());
+
+  const auto [width, height] = header->size;
+  Image image{*stamp, width, height, std::vector<std::uint8_t>(static_cast<std::size_t>(width) * height)};
   const bool grey_only = colour == Colour::none;
-  if (const auto made = convert(*picture, grey_only ? as_it_is : cv::COLOR_BGR2GRAY, CV_8UC1, image.pixels); !made)
-    return tl::unexpected(made.error());
+  if (!grey_only) image.rgb.resize(3 * image.pixels.size());
+  const auto decoded = decompress(bytes, *header, grey_only ? 1 : 3, grey_only ? image.pixels : image.rgb);
+  if (!decoded) return tl::unexpected(decoded.error());
   if (grey_only) return image;
-  image.rgb.resize(3 * image.pixels.size());
-  if (const auto made = convert(*picture, cv::COLOR_BGR2RGB, CV_8UC3, image.rgb); !made)
+  const cv::Mat rgb(height, width, CV_8UC3, image.rgb.data());
+  if (const auto made = convert(rgb, cv::COLOR_RGB2GRAY, CV_8UC1, image.pixels); !made)
     return tl::unexpected(made.error());
   return image;
 }
