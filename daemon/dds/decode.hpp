@@ -46,7 +46,8 @@ namespace calib {
 /// | malformed:distortion            | CameraInfo             | a known model, D finite and as long as it asks       |
 /// | malformed:roi                   | CameraInfo             | roi inside width x height, binning inside the roi    |
 /// | malformed:angular_velocity      | Imu, Odometry          | finite, below 100 rad/s, and there at all            |
-/// | out_of_memory                   | all with an image      | decoders and conversions get what memory they need   |
+/// | malformed:refused               | all                    | no library throws over it                            |
+/// | out_of_memory                   | all                    | there is memory for it                               |
 // clang-format on
 ///
 /// All of this is checked before anything is decoded, converted or allocated. What is taken holds 4 bytes per pixel, 8

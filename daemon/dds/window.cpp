@@ -1,12 +1,11 @@
 #include "dds/window.hpp"
 
 #include <algorithm>
-#include <exception>
-#include <new>
 
 #include "dds/compressed_probe.hpp"
 #include "dds/messages.hpp"
 #include "dds/names.hpp"
+#include "dds/no_throw.hpp"
 
 namespace calib {
 namespace {
@@ -24,18 +23,6 @@ SeenImage seen(const sensor_msgs_msg_dds__CompressedImage_& message) {
   return {decode_stamp(message.header).value_or(Timestamp{}), header ? header->size : ImageSize{}};
 }
 
-/// Nothing that a decoder throws may end the daemon.
-template <typename Decode>
-auto guarded(Decode decode) -> decltype(decode()) {
-  try {
-    return decode();
-  } catch (const std::bad_alloc&) {
-    return fail("out_of_memory", "there is no memory for the message");
-  } catch (const std::exception& e) {
-    return fail("malformed:refused", std::string("it cannot be decoded: ") + e.what());
-  }
-}
-
 }  // namespace
 
 /// Takes the next sample, as `As`, or as `Malformed`.
@@ -49,7 +36,7 @@ Result<std::optional<Sample>> SamplingWindow::take_next(dds_entity_t reader, con
   std::optional<Sample> sample;
   if (taken == 1 && info.valid_data) {
     const auto& message = *static_cast<const Message*>(loan);
-    auto decoded = guarded([&] { return decode(message, limits); });
+    auto decoded = no_throw([&] { return decode(message, limits); });
     if (decoded) {
       sample = As{std::move(*decoded)};
     } else {

@@ -1,4 +1,7 @@
+#include <stdexcept>
+
 #include "dds/decode.hpp"
+#include "dds/no_throw.hpp"
 #include "support/catch.hpp"
 #include "support/ros_messages.hpp"
 #include "support/support.hpp"
@@ -36,4 +39,12 @@ TEST_CASE("an image of another size is refused once its header makes sense, and 
   DisparityMessage disparity;
   CHECK(decode_disparity(disparity.raw(), bound).error().code == "image_size_mismatch");
   CHECK(decode_disparity(disparity.raw(), ImageBound::exactly({6, 4}, "camera.size")));
+}
+
+TEST_CASE("what is thrown over a message becomes an error") {
+  CHECK(require_ok(no_throw([]() -> Result<int> { return 7; })) == 7);
+  CHECK(no_throw([]() -> Result<int> { throw std::bad_alloc(); }).error().code == "out_of_memory");
+  const auto thrown = no_throw([]() -> Result<int> { throw std::runtime_error("no such thing"); });
+  CHECK(thrown.error().code == "malformed:refused");
+  CHECK(thrown.error().context == "it cannot be decoded: no such thing");
 }

@@ -225,6 +225,15 @@ def test_bytes_that_are_no_such_message_are_dropped(bench, dds_domain, kind, top
     bench.evaluates()
 
 
+def test_a_cloud_of_thousands_of_fields_is_dropped_before_they_take_memory(bench):
+    encoded, before = cloud(fields=fields() * 400), bench.counted("malformed:fields")
+    for _ in range(40):
+        ros.write_cdr(bench.writers[CLOUD], encoded)
+        time.sleep(0.02)
+    assert bench.counted("malformed:fields") == before
+    bench.evaluates()
+
+
 def test_thousands_of_them_cost_no_memory(bench):
     big = np.zeros((240, 640), np.uint8)
     floods = [(kind, make()) for _, kind, make in WAYS.values()]
