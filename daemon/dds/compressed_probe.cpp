@@ -85,7 +85,8 @@ Result<void> check_jpeg(Bytes bytes) {
     if (is_frame(segment->marker)) {
       // Baseline, extended and progressive, in Huffman's code: what the others take is not bounded by their bytes.
       const Bytes frame = segment->body;
-      if (++frames > 1 || segment->marker > 0xC2 || frame.size() < 6 || frame[0] != 8 || (frame[5] != 1 && frame[5] != 3))
+      if (++frames > 1 || segment->marker > 0xC2 || frame.size() < 6 || frame[0] != 8 ||
+          (frame[5] != 1 && frame[5] != 3))
         return fail("malformed:compressed_format",
                     "a JPEG is taken with one frame of 8 bits, grey or of 3 colours, baseline or progressive, in "
                     "Huffman's code");

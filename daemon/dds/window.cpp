@@ -59,7 +59,8 @@ Result<void> SamplingWindow::add_image(dds_entity_t participant, const std::stri
     return decode_compressed_image(message, colour, limits.image);
   };
   return is_compressed_topic(topic)
-             ? add(participant, compressed_image_type, topic, take_next<As, sensor_msgs_msg_dds__CompressedImage_, compressed>,
+             ? add(participant, compressed_image_type, topic,
+                   take_next<As, sensor_msgs_msg_dds__CompressedImage_, compressed>,
                    {.image = bound})
              : add(participant, image_type, topic, take_next<As, sensor_msgs_msg_dds__Image_, raw>, {.image = bound});
 }
@@ -93,8 +94,8 @@ Result<void> SamplingWindow::add_all(dds_entity_t participant, const PairTopics&
   Result<void> added;
   if (topics.motion)  // first: a pair needs what was before it
     added = topics.motion->message == MotionMessage::imu
-                ? add(participant, imu_type, topics.motion->name, take_next<TurnRate, sensor_msgs_msg_dds__Imu_, imu>, {},
-                      motion_history)
+                ? add(participant, imu_type, topics.motion->name,
+                      take_next<TurnRate, sensor_msgs_msg_dds__Imu_, imu>, {}, motion_history)
                 : add(participant, odometry_type, topics.motion->name,
                       take_next<TurnRate, nav_msgs_msg_dds__Odometry_, odometry>, {}, motion_history);
   if (added)
@@ -104,7 +105,8 @@ Result<void> SamplingWindow::add_all(dds_entity_t participant, const PairTopics&
   if (added && topics.right_image)
     added = add_image<RightImage, Colour::none>(participant, *topics.right_image, topics.right_bound);
   if (added)
-    added = add(participant, cloud_type, topics.cloud, take_next<DecodedCloud, sensor_msgs_msg_dds__PointCloud2_, cloud>,
+    added = add(participant, cloud_type, topics.cloud,
+                take_next<DecodedCloud, sensor_msgs_msg_dds__PointCloud2_, cloud>,
                 {.max_points = topics.max_points});
   if (added && topics.camera_info)
     added = add(participant, camera_info_type, *topics.camera_info, take_next<CameraInfo, Info, info>, {});
@@ -112,10 +114,12 @@ Result<void> SamplingWindow::add_all(dds_entity_t participant, const PairTopics&
     added = add(participant, camera_info_type, *topics.right_camera_info, take_next<RightCameraInfo, Info, info>, {});
   if (added && topics.depth)
     added = topics.depth->message == DepthMessage::image
-                ? add(participant, image_type, topics.depth->name, take_next<DepthImage, sensor_msgs_msg_dds__Image_, depth>,
+                ? add(participant, image_type, topics.depth->name,
+                      take_next<DepthImage, sensor_msgs_msg_dds__Image_, depth>,
                       {.image = topics.depth_bound})
                 : add(participant, disparity_image_type, topics.depth->name,
-                      take_next<DepthImage, stereo_msgs_msg_dds__DisparityImage_, disparity>, {.image = topics.depth_bound});
+                      take_next<DepthImage, stereo_msgs_msg_dds__DisparityImage_, disparity>,
+                      {.image = topics.depth_bound});
   return added;
 }
 

@@ -83,7 +83,8 @@ TEST_CASE("a JPEG of a kind that no camera sends is refused") {
 
 TEST_CASE("a JPEG that ends early, or goes on behind its end, is refused; zeros there are padding") {
   const Octets good = encoded(".jpg", scene(40, 30));
-  for (std::size_t size = 0; size < good.size(); size += 7) CHECK_FALSE(refusal({good.begin(), good.begin() + size}).empty());
+  for (std::size_t size = 0; size < good.size(); size += 7)
+    CHECK_FALSE(refusal({good.begin(), good.begin() + size}).empty());
   Octets padded = good, longer = good;
   padded.insert(padded.end(), 1000, 0);
   CHECK(refusal(padded).empty());
@@ -166,7 +167,8 @@ TEST_CASE("pixels are those of OpenCV's decoders, grey and in colour") {
 }
 
 TEST_CASE("what decoders complain of does not reach standard error") {
-  const Octets complained_of = black_png(64, 48, 48, {{"tEXt", Octets(100, 0)}, {"gAMA", Octets(3, 0)}, {"tIME", Octets(1, 0)}});
+  const Octets complained_of =
+      black_png(64, 48, 48, {{"tEXt", Octets(100, 0)}, {"gAMA", Octets(3, 0)}, {"tIME", Octets(1, 0)}});
   std::fflush(stderr);
   const int before = dup(2), file = memfd_create("stderr", 0);
   dup2(file, 2);

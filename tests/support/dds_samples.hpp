@@ -24,7 +24,8 @@ std::vector<Sample> received(SamplingWindow& window, std::size_t kinds, Send sen
   for (int attempt = 0; attempt < 5 && samples.size() < kinds; ++attempt) {
     send();
     for (int slice = 0; slice < 10 && samples.size() < kinds; ++slice)
-      for (Sample& sample : require_ok(window.wait(std::chrono::milliseconds(100)))) samples.try_emplace(sample.index(), std::move(sample));
+      for (Sample& sample : require_ok(window.wait(std::chrono::milliseconds(100))))
+        samples.try_emplace(sample.index(), std::move(sample));
   }
   std::vector<Sample> found;
   for (auto& [kind, sample] : samples) found.push_back(std::move(sample));
