@@ -4,6 +4,7 @@
 
 #include "calib/config_node.hpp"
 #include "calib/record.hpp"
+#include "dds/decode.hpp"
 #include "dds/names.hpp"
 
 namespace calib {
@@ -107,9 +108,11 @@ CameraConfig read_camera(const ConfigNode& node) {
 }
 
 LidarConfig read_lidar(const ConfigNode& node) {
-  node.with_keys({"cloud", "frame_id"});
+  node.with_keys({"cloud", "frame_id", "max_points"});
   LidarConfig lidar{.cloud = topic(node.at("cloud"))};
   if (const auto frame = node.find("frame_id")) lidar.frame_id = frame_id(*frame);
+  if (const auto points = node.find("max_points"))
+    lidar.max_points = static_cast<std::uint64_t>(points->integer(1000, static_cast<int>(max_cloud_points)));
   return lidar;
 }
 

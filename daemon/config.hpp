@@ -45,6 +45,8 @@ struct CameraConfig {
 struct LidarConfig {
   std::string cloud;
   std::string frame_id = "lidar";
+  /// A cloud of more is refused.
+  std::uint64_t max_points = 1'000'000;
 };
 
 struct StereoDepthConfig {

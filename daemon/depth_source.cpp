@@ -79,6 +79,11 @@ bool DepthSource::knows_cameras() const {
   return right_info_ && (left_info_ || pair_.camera.camera.model() == CameraModel::rectified);
 }
 
+std::optional<ImageSize> DepthSource::right_size() const {
+  if (!right_info_) return std::nullopt;
+  return ImageSize{right_info_->width, right_info_->height};
+}
+
 Result<std::unique_ptr<DepthEstimator>> DepthSource::make() const {
   const Camera& camera = pair_.camera.camera;
   if (const auto* onnx = std::get_if<OnnxDepthConfig>(&pair_.depth))

@@ -26,6 +26,9 @@ class DepthSource final : public DepthEstimator {
   /// Whether all is known that an estimator is made from.
   [[nodiscard]] bool knows_cameras() const;
 
+  /// The right image's, once its CameraInfo told.
+  [[nodiscard]] std::optional<ImageSize> right_size() const;
+
   /// Makes the estimator, once, and proves it. What fails once fails ever after, but for time that ran out.
   [[nodiscard]] Result<std::string> prepare() override;
   /// Prepares first where that was not done. Fails with `depth_failed`, or `camera_info_missing`.

@@ -35,11 +35,6 @@ struct TopicSeen {
   std::uint64_t repeated_stamps = 0;
 };
 
-struct ImageSize {
-  int width = 0, height = 0;
-  bool operator==(const ImageSize&) const = default;
-};
-
 /// What another way to take the same sensors' images and settings comes to.
 struct DepthTrial {
   double valid_share = 0;
@@ -59,6 +54,8 @@ struct PairSeen {
   std::vector<RemoteWriter> writers{};     // on any topic
   std::set<std::string> claimed_topics{};  // not what was meant: they serve something else
   std::optional<ImageSize> image{};
+  /// Of right or depth images of another size than the configured one: which, and what is to be corrected.
+  std::optional<std::string> companion_size{};
   std::optional<CameraInfo> camera_info{};
   std::optional<CloudCensus> cloud{};
   /// Samples that belong together, or why there are none.

@@ -31,6 +31,10 @@ Finding judge_image_size(const PairSeen& seen) {
   if (!seen.image) return not_checked("image_size", "no image came");
   const int width = seen.camera.width(), height = seen.camera.height();
   const std::string what = fmt::format("images are {} pixels", size_words(seen.image->width, seen.image->height));
+  if (*seen.image == ImageSize{width, height} && seen.companion_size)
+    return problem("image_size", "image_size_mismatch", *seen.companion_size,
+                   "the driver publishes another resolution or a part of the sensor, or this is another camera's topic",
+                   "correct the size and the intrinsics there, or the topic");
   if (*seen.image == ImageSize{width, height}) return fine("image_size", what + ", as configured");
   const double across = static_cast<double>(seen.image->width) / width;
   const double down = static_cast<double>(seen.image->height) / height;

@@ -18,6 +18,9 @@
 #include "build_id.hpp"
 #include "control.hpp"
 #include "file_limit.hpp"
+#include "journal.hpp"
+#include "message_ids.hpp"
+#include "pair_topics.hpp"
 #include "service.hpp"
 #include "version.hpp"
 
@@ -89,7 +92,10 @@ Result<std::unique_ptr<calib::Service>> make_service(calib::Config config, calib
   if (!known) return tl::unexpected(known.error());
   auto ledger = calib::Ledger::open(config.state_dir, config.head_dir, std::move(key), std::move(*known));
   if (!ledger) return tl::unexpected(ledger.error());
-  auto bus = calib::Bus::open(config.dds.domain, config.dds.interface);
+  const auto log = [](int priority, const std::string& line) {
+    calib::journal(priority, calib::message_ids::dds_complains, line);
+  };
+  auto bus = calib::Bus::open(config.dds.domain, config.dds.interface, calib::max_sample_bytes(config), log);
   if (!bus) return tl::unexpected(bus.error());
   return calib::Service::make(std::move(config), std::move(*ledger), std::move(*bus));
 }

@@ -23,6 +23,7 @@ inline constexpr std::string_view store_failed = "36d51b88823347e3b01ded9d1f0d96
 inline constexpr std::string_view evidence_set_aside = "c2e702a545d545ea8f01bc71eabdcb5f";
 inline constexpr std::string_view records_missing = "58fe3ddd650a441487f821d39b9916b3";
 inline constexpr std::string_view bus_failed = "dd3a3ce307864957942390745f8b86ec";
+inline constexpr std::string_view dds_complains = "5d2db67d9f774efb85ae440053915cd8";
 inline constexpr std::string_view snapshot_failed = "a2e1c201fcfd475ab3462404e5654036";
 
 }  // namespace calib::message_ids

@@ -57,6 +57,11 @@ Verdict shown(DriftVerdict verdict) {
   return Verdict::not_evaluated;
 }
 
+/// What a message was refused for was counted message by message.
+bool counted_on_arrival(std::string_view code) {
+  return code.starts_with("malformed:") || code == "image_size_mismatch" || code == "out_of_memory";
+}
+
 std::string_view message_id(const PairState& state) {
   switch (state.verdict) {
     case Verdict::drifted:
@@ -168,8 +173,7 @@ void PairWatch::observe(PairMonitor::Evidence evidence, const Moment& taken) {
 void PairWatch::skip(const Error& error, int windows) {
   windows_without_evidence_ += windows;
   last_skip_ = error.code + ": " + escape_control(error.context);
-  // What is malformed was counted message by message as it came.
-  if (!error.code.starts_with("malformed:")) count_skipped(error.code);
+  if (!counted_on_arrival(error.code)) count_skipped(error.code);
 }
 
 void PairWatch::conclude() {

@@ -8,6 +8,7 @@
 #include "calib/config_node.hpp"
 #include "journal.hpp"
 #include "message_ids.hpp"
+#include "pair_topics.hpp"
 
 namespace calib {
 namespace {
@@ -38,20 +39,6 @@ std::optional<Error> contradiction(const CameraInfo& info, const Camera& camera)
       return Error{"camera_info_mismatch", std::string("CameraInfo's ") + (rectified ? "P" : "K") +
                                                " differs from camera.intrinsics; correct the configuration"};
   return std::nullopt;
-}
-
-PairTopics topics_of(const PairConfig& pair) {
-  PairTopics topics{.image = pair.camera.image, .cloud = pair.lidar.cloud, .camera_info = pair.camera.info};
-  if (const auto* stereo = std::get_if<StereoDepthConfig>(&pair.depth)) {
-    topics.right_image = stereo->right_image;
-    topics.right_camera_info = stereo->right_info;
-  } else if (const auto* topic = std::get_if<TopicDepthConfig>(&pair.depth)) {
-    topics.depth = topic->topic;
-  } else {
-    topics.colour = Colour::rgb;
-  }
-  if (pair.motion) topics.motion = pair.motion->topic;
-  return topics;
 }
 
 }  // namespace
@@ -177,6 +164,7 @@ Result<void> Service::evaluate(Watch& watch) try {
   if (evaluated) watch.time_difference = pair->time_difference();
   return evaluated;
 } catch (const std::bad_alloc&) {
+  watch.pair->count_skipped("out_of_memory");
   return fail("out_of_memory", "there was no memory for a pair; give calibd more (MemoryMax=), or smaller samples");
 } catch (const std::exception& exception) {
   return fail("internal_error", std::string("a pair could not be evaluated: ") + exception.what());
@@ -198,6 +186,8 @@ bool Service::prepare(Watch& watch) {
 /// Reads until a pair is complete or the window closes. Readers live no longer than this call.
 Result<FramePair> Service::collect(Watch& watch) {
   const auto end = steady_clock::now() + config_.sampling.window;
+  if (const auto right = watch.depth->right_size())
+    watch.topics.right_bound = ImageBound::exactly(*right, "the CameraInfo of depth.right_info");
   auto window = bus_.open_window(watch.topics);
   if (!window) return tl::unexpected(window.error());
   PairBuffer buffer(config_.sampling.max_time_difference, {.right_image = watch.topics.right_image.has_value(),
@@ -249,7 +239,7 @@ std::optional<Error> Service::receive(Watch& watch, Sample sample, PairBuffer& b
   } else if (const auto* right_info = std::get_if<RightCameraInfo>(&sample)) {
     watch.depth->hear_right(right_info->info);
   } else if (const auto* malformed = std::get_if<Malformed>(&sample)) {
-    if (malformed->error.code.starts_with("malformed:")) watch.pair->count_skipped(malformed->error.code);
+    watch.pair->count_skipped(malformed->error.code);
     return Error{malformed->error.code, malformed->topic + ": " + malformed->error.context};
   }
   return std::nullopt;

@@ -1,3 +1,5 @@
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
@@ -61,7 +63,7 @@ class Ear {
  public:
   Ear(PairSeen& seen, PairBuffer buffer) : seen_(seen), buffer_(std::move(buffer)) {}
 
-  void hear(Sample sample, WallTime now) {
+  void hear(Sample& sample, WallTime now) {
     std::visit([&](auto& each) { note(each, now); }, sample);
     while (auto pair = buffer_.take()) pair_ = std::move(*pair);
   }
@@ -113,9 +115,17 @@ class Ear {
     arrived("right_camera_info", right.info.stamp, now);
     right_camera_info = std::move(right.info);
   }
-  void note(Malformed& malformed, WallTime) {
+  void note(Malformed& malformed, WallTime now) {
     const auto topic = std::ranges::find(seen_.topics, malformed.topic, &TopicSeen::topic);
     if (topic == seen_.topics.end()) return;
+    if (malformed.image) {  // as good as any message, but for its size
+      arrived(topic->check, malformed.image->stamp, now);
+      if (topic->check == "image")
+        seen_.image = malformed.image->size;
+      else
+        seen_.companion_size = fmt::format("{}: {}", malformed.topic, malformed.error.context);
+      return;
+    }
     ++topic->malformed[malformed.error.code];
     topic->malformed_context = malformed.error.context;
   }
@@ -232,7 +242,7 @@ Result<std::optional<FramePair>> Service::listen(Watch& watch, PairSeen& seen) {
   while (!stopping() && steady_clock::now() < start + longest_listening) {
     auto samples = window->wait(std::chrono::milliseconds(200));
     if (!samples) return tl::unexpected(samples.error());
-    for (Sample& sample : *samples) ear.hear(std::move(sample), now().wall);
+    for (Sample& sample : *samples) ear.hear(sample, now().wall);
     [[maybe_unused]] const bool on = keep_going();
     seen.listened = steady_clock::now() - start;
     if (seen.listened < shortest_listening) continue;

@@ -2,36 +2,72 @@
 
 #include <fmt/format.h>
 
+#include <cstdio>
+
 #include "dds/names.hpp"
 
 namespace calib {
 namespace {
 
 /// What Cyclone is told. Loopback lacks the multicast flag and still does it. The receive buffer is a wish,
-/// which `net.core.rmem_max` limits; the largest sample is an Image of 64 Mpx with four bytes each.
-std::string cyclone_configuration(std::string_view interface) {
+/// which `net.core.rmem_max` limits.
+///
+/// What a remote writer's samples may hold of our memory until they are read: incomplete, two (four, of a reliable one)
+/// of `max_sample_bytes` each; complete and not yet with their reader, 32 in all, after which the network is not read; at
+/// the reader, as many as its history. Reliable data that came out of order is kept for readers that ask for it, and
+/// none of calibd's does but discovery's: 16 there. A fragment holds the whole receive buffer in which it came, so those
+/// are small. Cyclone has no bound on how many participants and writers there are: what they all hold is bounded by the
+/// unit's MemoryMax.
+std::string cyclone_configuration(std::string_view interface, std::uint32_t max_sample_bytes) {
   const std::string choice = interface == "auto" ? R"(autodetermine="true")"
                                                  : fmt::format(R"(name="{}" multicast="{}")", interface,
                                                                interface == "lo" ? "true" : "default");
   return fmt::format(
       "<CycloneDDS><Domain><General><Interfaces><NetworkInterface {}/></Interfaces></General>"
-      R"(<Internal><SocketReceiveBufferSize min="default" max="10MB"/><MaxSampleSize>300MB</MaxSampleSize></Internal>)"
+      R"(<Internal><SocketReceiveBufferSize min="default" max="10MB"/><MaxSampleSize>{}B</MaxSampleSize>)"
+      "<DefragUnreliableMaxSamples>2</DefragUnreliableMaxSamples>"
+      "<DefragReliableMaxSamples>4</DefragReliableMaxSamples>"
+      "<DeliveryQueueMaxSamples>32</DeliveryQueueMaxSamples>"
+      "<PrimaryReorderMaxSamples>16</PrimaryReorderMaxSamples>"
+      "<SecondaryReorderMaxSamples>16</SecondaryReorderMaxSamples></Internal>"
+      "<Sizing><ReceiveBufferSize>256KiB</ReceiveBufferSize></Sizing>"
       "</Domain></CycloneDDS>",
-      choice);
+      choice, max_sample_bytes);
+}
+
+int syslog_priority(std::uint32_t category) {
+  return (category & (DDS_LC_FATAL | DDS_LC_ERROR)) != 0 ? 3 : (category & DDS_LC_WARNING) != 0 ? 4 : 6;
+}
+
+void hear_cyclone(void* log, const dds_log_data_t* data) {
+  static_cast<LogLimit*>(log)->log(syslog_priority(data->priority), {data->message, data->size});
+}
+
+void to_standard_error(int, const std::string& line) {
+  std::fprintf(stderr, "%s\n", escape_control(line).c_str());
 }
 
 }  // namespace
 
-Result<Bus> Bus::open(std::uint32_t domain, std::string_view interface) {
+void Bus::EndLog::operator()(LogLimit* log) const {
+  dds_set_log_sink(nullptr, nullptr);
+  delete log;
+}
+
+Result<Bus> Bus::open(std::uint32_t domain, std::string_view interface, std::uint32_t max_sample_bytes,
+                      LogLimit::Write log) {
   if (!is_interface_name(interface))
     return fail("bad_interface", "a network interface is named like lo, eth0 or auto");
   Bus bus;
+  bus.log_.reset(new LogLimit("Cyclone DDS", &std::chrono::steady_clock::now,
+                              log ? std::move(log) : LogLimit::Write(&to_standard_error)));
+  dds_set_log_sink(&hear_cyclone, bus.log_.get());
   const auto opened = [&](Result<Entity> entity, Entity& into) -> Result<void> {
     if (!entity) return tl::unexpected(entity.error());
     into = std::move(*entity);
     return {};
   };
-  auto result = opened(own(dds_create_domain(domain, cyclone_configuration(interface).c_str()),
+  auto result = opened(own(dds_create_domain(domain, cyclone_configuration(interface, max_sample_bytes).c_str()),
                            fmt::format("DDS domain {} on interface {}", domain, interface)),
                        bus.domain_);
   if (result)
@@ -69,6 +105,7 @@ Result<std::vector<RemoteWriter>> Bus::remote_writers() const { return calib::re
 void Bus::interrupt() { dds_set_guardcondition(interrupt_.get(), true); }
 
 Result<void> Bus::publish_diagnostics(const Status& status, WallTime now) {
+  log_->tell_if_due();
   return check(dds_write(diagnostics_.endpoint.get(), diagnostics_message(status, now).get()),
                "/diagnostics");
 }

@@ -1,10 +1,14 @@
 #pragma once
 
+#include <functional>
+#include <memory>
 #include <span>
+#include <string>
 #include <string_view>
 
 #include "dds/discovery.hpp"
 #include "dds/entity.hpp"
+#include "dds/log_limit.hpp"
 #include "dds/messages.hpp"
 #include "dds/window.hpp"
 
@@ -16,8 +20,10 @@ class Bus {
  public:
   /// Cyclone's configuration is made here and nowhere else: CYCLONEDDS_URI is not read. `interface` is a
   /// network interface's name or address, or `auto`. Fails with `bad_interface` or `dds_failed`; one Bus per
-  /// domain and program.
-  [[nodiscard]] static Result<Bus> open(std::uint32_t domain, std::string_view interface);
+  /// domain and program. Larger samples than `max_sample_bytes` (serialised) never reach a reader. What Cyclone has to
+  /// say of the network goes to `log` (from any thread) or else to standard error, a few lines a minute, the rest counted.
+  [[nodiscard]] static Result<Bus> open(std::uint32_t domain, std::string_view interface,
+                                        std::uint32_t max_sample_bytes = 16 << 20, LogLimit::Write log = {});
 
   [[nodiscard]] Result<SamplingWindow> open_window(const PairTopics& topics);
   /// Who else publishes what.
@@ -25,7 +31,7 @@ class Bus {
   /// Ends the `wait` that is going on in another thread, or else the next one. Not for signal handlers.
   void interrupt();
 
-  /// `rt/diagnostics`; to be sent once a second.
+  /// `rt/diagnostics`; to be sent once a second. Tells also what was counted of Cyclone's log.
   [[nodiscard]] Result<void> publish_diagnostics(const Status& status, WallTime now);
   /// `rt/calibd/tf_static_proposed`: all that stand, since a late reader gets the last message only.
   [[nodiscard]] Result<void> publish_proposed(std::span<const ProposedExtrinsic> proposed, WallTime now);
@@ -35,6 +41,10 @@ class Bus {
  private:
   Bus() = default;
 
+  struct EndLog {
+    void operator()(LogLimit* log) const;
+  };
+  std::unique_ptr<LogLimit, EndLog> log_;  // outlives the entities, which still talk as they go
   Entity domain_, participant_, interrupt_;
   Endpoint diagnostics_, proposed_, alerts_;
 };

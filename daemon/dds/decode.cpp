@@ -11,7 +11,6 @@
 namespace calib {
 namespace {
 
-constexpr std::uint64_t max_cloud_points = 4'000'000;
 constexpr std::uint32_t max_point_step = 4096;
 constexpr std::uint32_t max_fields = 64;
 constexpr double max_range_m = 500;
@@ -136,6 +135,22 @@ class Ranges {
   std::vector<double> sample_;
 };
 
+/// `height` rows of `row_bytes`, of which the last needs no padding; a single row's step is not looked at, since some
+/// drivers write there what they have room for.
+Result<void> check_rows(const sensor_msgs_msg_dds__PointCloud2_& message, std::uint64_t height,
+                        std::uint64_t row_bytes) {
+  if (message.row_step < row_bytes)
+    return fail("malformed:row_step", "row_step is less than width * point_step = " + std::to_string(row_bytes));
+  const std::uint64_t needed = (height - 1) * message.row_step + row_bytes;
+  if (message.data._length < needed)
+    return fail("malformed:cloud_data", "fewer bytes of data than height, row_step and width promise");
+  if (height > 1 && message.row_step > row_bytes + max_row_padding)
+    return fail("malformed:row_step", "rows are padded by more than 4096 bytes");
+  if (message.data._length > needed + max_row_padding + max_data_slack)
+    return fail("malformed:cloud_data", "more bytes of data than height, row_step and width promise");
+  return {};
+}
+
 bool all_finite(std::span<const double> values) {
   return std::ranges::all_of(values, [](double value) { return std::isfinite(value); });
 }
@@ -208,24 +223,22 @@ Result<Timestamp> decode_stamp(const std_msgs_msg_dds__Header_& header) {
   return std::chrono::seconds(header.stamp.sec) + std::chrono::nanoseconds(header.stamp.nanosec);
 }
 
-Result<DecodedCloud> decode_cloud(const sensor_msgs_msg_dds__PointCloud2_& message) {
+Result<DecodedCloud> decode_cloud(const sensor_msgs_msg_dds__PointCloud2_& message, std::uint64_t max_points) {
   const auto stamp = decode_stamp(message.header);
   if (!stamp) return tl::unexpected(stamp.error());
   if (message.point_step < 1 || message.point_step > max_point_step)
     return fail("malformed:point_step", std::to_string(message.point_step) + " is outside 1 .. 4096");
   const std::uint64_t width = message.width, height = message.height, points = width * height;
-  if (points > max_cloud_points)
-    return fail("malformed:cloud_size", std::to_string(points) + " points where 4000000 are allowed");
+  if (points > max_points)
+    return fail("malformed:cloud_size", std::to_string(points) + " points where " + std::to_string(max_points) +
+                                            " are allowed (lidar.max_points)");
   const auto layout = point_layout(message);
   if (!layout) return tl::unexpected(layout.error());
   DecodedCloud scan{{*stamp, {}}};
-  if (points == 0) return scan;
   const std::uint64_t row_bytes = width * message.point_step;
-  if (message.row_step < row_bytes)
-    return fail("malformed:row_step",
-                "row_step is less than width * point_step = " + std::to_string(row_bytes));
-  if (message.data._length < (height - 1) * message.row_step + row_bytes)
-    return fail("malformed:cloud_data", "fewer bytes of data than height, row_step and width promise");
+  if (points == 0 && message.data._length <= max_data_slack) return scan;
+  if (points == 0) return fail("malformed:cloud_data", "more bytes of data than no points need");
+  if (const auto sound = check_rows(message, height, row_bytes); !sound) return tl::unexpected(sound.error());
 
   const bool swap = message.is_bigendian != (std::endian::native == std::endian::big);
   scan.points.reserve(points);

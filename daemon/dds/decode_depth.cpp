@@ -17,8 +17,9 @@ T read_as(const std::uint8_t* bytes, bool swap) {
 
 /// `to_inverse` is asked for each pixel: its value, column and row.
 template <typename Pixel, typename ToInverse>
-Result<DepthImage> read_pixels(const sensor_msgs_msg_dds__Image_& message, Timestamp stamp, ToInverse to_inverse) {
-  if (const auto sound = check_layout(message, sizeof(Pixel)); !sound) return tl::unexpected(sound.error());
+Result<DepthImage> read_pixels(const sensor_msgs_msg_dds__Image_& message, Timestamp stamp, const ImageBound& bound,
+                               ToInverse to_inverse) {
+  if (const auto sound = check_layout(message, sizeof(Pixel), bound); !sound) return tl::unexpected(sound.error());
   DepthImage depth{stamp, static_cast<int>(message.width), static_cast<int>(message.height), {}};
   depth.inverse_depth.reserve(std::size_t{message.width} * message.height);
   const bool swap = (message.is_bigendian != 0) != (std::endian::native == std::endian::big);
@@ -43,19 +44,20 @@ tl::unexpected<Error> not_depth(std::string_view encoding, std::string_view need
 
 }  // namespace
 
-Result<DepthImage> decode_depth(const sensor_msgs_msg_dds__Image_& message) {
+Result<DepthImage> decode_depth(const sensor_msgs_msg_dds__Image_& message, const ImageBound& bound) {
   const auto stamp = decode_stamp(message.header);
   if (!stamp) return tl::unexpected(stamp.error());
   const std::string_view encoding = encoding_of(message);
   if (encoding == "16UC1")
-    return read_pixels<std::uint16_t>(
-        message, *stamp, [](std::uint16_t mm, auto, auto) { return mm > 0 ? 1000.0F / static_cast<float>(mm) : 0; });
+    return read_pixels<std::uint16_t>(message, *stamp, bound, [](std::uint16_t mm, auto, auto) {
+      return mm > 0 ? 1000.0F / static_cast<float>(mm) : 0;
+    });
   if (encoding == "32FC1")
-    return read_pixels<float>(message, *stamp, [](float m, auto, auto) { return m > 0 ? 1 / m : 0; });
+    return read_pixels<float>(message, *stamp, bound, [](float m, auto, auto) { return m > 0 ? 1 / m : 0; });
   return not_depth(encoding, "16UC1 (millimetres) or 32FC1 (metres)");
 }
 
-Result<DepthImage> decode_disparity(const stereo_msgs_msg_dds__DisparityImage_& message) {
+Result<DepthImage> decode_disparity(const stereo_msgs_msg_dds__DisparityImage_& message, const ImageBound& bound) {
   const auto stamp = decode_stamp(message.header);
   if (!stamp) return tl::unexpected(stamp.error());
   if (const auto encoding = encoding_of(message.image); encoding != "32FC1")
@@ -73,7 +75,7 @@ Result<DepthImage> decode_disparity(const stereo_msgs_msg_dds__DisparityImage_& 
   if (!whole && (right > message.image.width || bottom > message.image.height))
     return fail("malformed:valid_window", "the valid window reaches past the image");
   const bool bounded = least < most;
-  return read_pixels<float>(message.image, *stamp, [&](float disparity, std::uint32_t u, std::uint32_t v) {
+  return read_pixels<float>(message.image, *stamp, bound, [&](float disparity, std::uint32_t u, std::uint32_t v) {
     const bool inside = whole || (u >= window.x_offset && v >= window.y_offset && u < right && v < bottom);
     const bool in_range = !bounded || (disparity >= least && disparity <= most);
     return inside && in_range ? disparity / focal_times_baseline : 0;

@@ -1,17 +1,17 @@
 #include <algorithm>
 #include <opencv2/core.hpp>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
-#include <optional>
 #include <span>
 #include <string_view>
 
+#include "dds/compressed_probe.hpp"
 #include "dds/decode.hpp"
+#include "dds/decompress.hpp"
 
 namespace calib {
 namespace {
 
-constexpr std::size_t max_compressed_bytes = 32'000'000;
+constexpr std::uint64_t max_compressed_bytes = 32'000'000;
 constexpr int as_it_is = -1, scale_grey16 = -2, no_colour = -3;
 
 /// How an encoding becomes grey and RGB: an OpenCV colour code, or one of those above.
@@ -75,76 +75,18 @@ Result<void> convert(const cv::Mat& in, int conversion, int type, std::vector<st
       cv::cvtColor(in, to, conversion);
     if (to.data != out.data()) return fail("malformed:image_data", "the conversion changed its size");
   } catch (const cv::Exception& e) {
+    if (e.code == cv::Error::StsNoMem) return fail("out_of_memory", "there is no memory for the image");
     return fail("malformed:image_data", "OpenCV refuses it: " + e.err);
   }
   return {};
 }
 
-struct Size {
-  std::int64_t width = 0, height = 0;
-  [[nodiscard]] bool in_bounds() const {
-    return width >= 1 && height >= 1 && width <= max_image_pixels && height <= max_image_pixels / width;
-  }
-};
-
-using Bytes = std::span<const std::uint8_t>;
-
-std::int64_t big_endian(Bytes bytes) {
-  std::int64_t value = 0;
-  for (const std::uint8_t byte : bytes) value = value << 8 | byte;
-  return value;
-}
-
-/// From IHDR, which is always the first chunk.
-std::optional<Size> png_size(Bytes bytes) {
-  if (bytes.size() < 24 || big_endian(bytes.subspan(12, 4)) != 0x49484452) return std::nullopt;
-  return Size{big_endian(bytes.subspan(16, 4)), big_endian(bytes.subspan(20, 4))};
-}
-
-/// From the first start-of-frame segment, skipping the segments before it (a thumbnail lies inside one of
-/// those).
-std::optional<Size> jpeg_size(Bytes bytes) {
-  std::size_t at = 2;
-  while (at + 9 <= bytes.size()) {
-    if (bytes[at] != 0xFF) return std::nullopt;
-    const int marker = bytes[at + 1];
-    if (marker == 0xFF) {  // fill byte
-      ++at;
-      continue;
-    }
-    const bool start_of_frame = marker >= 0xC0 && marker <= 0xCF && marker != 0xC4 && marker != 0xC8 && marker != 0xCC;
-    if (start_of_frame) return Size{big_endian(bytes.subspan(at + 7, 2)), big_endian(bytes.subspan(at + 5, 2))};
-    const std::int64_t length = big_endian(bytes.subspan(at + 2, 2));
-    if (length < 2) return std::nullopt;
-    at += 2 + static_cast<std::size_t>(length);
-  }
-  return std::nullopt;
-}
-
-/// libjpeg takes a JPEG that was cut short and paints the rest grey, with no more than a warning to standard
-/// error. Some cameras pad behind the end marker.
-bool jpeg_is_whole(Bytes bytes) {
-  while (!bytes.empty() && bytes.back() == 0) bytes = bytes.first(bytes.size() - 1);
-  return bytes.size() >= 2 && bytes[bytes.size() - 2] == 0xFF && bytes.back() == 0xD9;
-}
-
-Result<Size> probe(Bytes bytes) {
-  constexpr std::uint8_t png[] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1A, '\n'};
-  constexpr std::uint8_t jpeg[] = {0xFF, 0xD8, 0xFF};
-  const bool is_png = bytes.size() >= 8 && std::ranges::equal(bytes.first(8), png);
-  const bool is_jpeg = bytes.size() >= 3 && std::ranges::equal(bytes.first(3), jpeg);
-  if (!is_png && !is_jpeg) return fail("malformed:compressed_format", "data begins neither as a JPEG nor as a PNG");
-  const std::optional<Size> size = is_png ? png_size(bytes) : jpeg_size(bytes);
-  if (!size || !size->in_bounds())
-    return fail("malformed:compressed_dimensions", "its header gives no size in 1 .. 64 Mpx");
-  if (is_jpeg && !jpeg_is_whole(bytes)) return fail("malformed:compressed_data", "the JPEG is cut short");
-  return *size;
-}
-
 }  // namespace
 
-Result<void> check_layout(const sensor_msgs_msg_dds__Image_& message, std::uint64_t bytes_per_pixel) {
-  if (!Size{message.width, message.height}.in_bounds())
+Result<void> check_layout(const sensor_msgs_msg_dds__Image_& message, std::uint64_t bytes_per_pixel,
+                          const ImageBound& bound) {
+  const std::uint64_t pixels = std::uint64_t{message.width} * message.height;
+  if (pixels < 1 || pixels > max_image_pixels)
     return fail("malformed:image_size",
                 std::to_string(message.width) + " x " + std::to_string(message.height) + " is outside 1 .. 64 Mpx");
   if (message.step < message.width * bytes_per_pixel)
@@ -152,16 +94,20 @@ Result<void> check_layout(const sensor_msgs_msg_dds__Image_& message, std::uint6
                                       std::to_string(bytes_per_pixel) + " bytes per pixel");
   if (message.data._length < std::uint64_t{message.step} * message.height)
     return fail("malformed:image_data", "fewer bytes of data than step * height");
-  return {};
+  if (message.step > message.width * bytes_per_pixel + max_row_padding)
+    return fail("malformed:step", "rows are padded by more than 4096 bytes");
+  if (message.data._length > std::uint64_t{message.step} * message.height + max_data_slack)
+    return fail("malformed:image_data", "more bytes of data than step * height");
+  return bound.check({static_cast<int>(message.width), static_cast<int>(message.height)});
 }
 
-Result<Image> decode_image(const sensor_msgs_msg_dds__Image_& message, Colour colour) {
+Result<Image> decode_image(const sensor_msgs_msg_dds__Image_& message, Colour colour, const ImageBound& bound) {
   const auto stamp = decode_stamp(message.header);
   if (!stamp) return tl::unexpected(stamp.error());
   const auto encoding = find_encoding(message.encoding ? message.encoding : "");
   if (!encoding) return tl::unexpected(encoding.error());
   const auto size = static_cast<std::uint64_t>(CV_ELEM_SIZE(encoding->opencv_type));
-  if (const auto sound = check_layout(message, size); !sound) return tl::unexpected(sound.error());
+  if (const auto sound = check_layout(message, size, bound); !sound) return tl::unexpected(sound.error());
 
   Image image{*stamp, static_cast<int>(message.width), static_cast<int>(message.height), {}};
   image.pixels.resize(std::size_t{message.width} * message.height);
@@ -178,34 +124,33 @@ Result<Image> decode_image(const sensor_msgs_msg_dds__Image_& message, Colour co
   return image;
 }
 
-Result<Image> decode_compressed_image(const sensor_msgs_msg_dds__CompressedImage_& message, Colour colour) {
+Result<Image> decode_compressed_image(const sensor_msgs_msg_dds__CompressedImage_& message, Colour colour,
+                                      const ImageBound& bound) {
   const auto stamp = decode_stamp(message.header);
   if (!stamp) return tl::unexpected(stamp.error());
   if (message.format && is_depth(message.format))
     return fail("malformed:depth_encoding", "this topic carries a depth image; configure the camera's image topic");
-  const Bytes bytes(message.data._buffer, message.data._length);
-  if (bytes.empty() || bytes.size() > max_compressed_bytes)
-    return fail("malformed:compressed_size", std::to_string(bytes.size()) + " bytes are outside 1 .. 32 MB");
-  const auto size = probe(bytes);
-  if (!size) return tl::unexpected(size.error());
+  const std::span<const std::uint8_t> bytes(message.data._buffer, message.data._length);
+  if (bytes.empty()) return fail("malformed:compressed_size", "there are no bytes");
+  const auto header = probe_compressed(bytes);
+  if (!header) return tl::unexpected(header.error());
+  if (const auto fits = bound.check(header->size); !fits) return tl::unexpected(fits.error());
+  const std::uint64_t most = std::min(
+      max_compressed_bytes, std::uint64_t{4} * header->size.width * header->size.height + max_data_slack);
+  if (bytes.size() > most)
+    return fail("malformed:compressed_size", std::to_string(bytes.size()) + " bytes where " + std::to_string(most) +
+                                                 " are allowed for an image of its size");
+  if (const auto sound = check_compressed(bytes, *header); !sound) return tl::unexpected(sound.error());
 
-  cv::Mat picture;
-  try {
-    const cv::Mat in(1, static_cast<int>(bytes.size()), CV_8UC1, message.data._buffer);
-    const auto wanted = colour == Colour::rgb ? cv::IMREAD_COLOR : cv::IMREAD_GRAYSCALE;
-    picture = cv::imdecode(in, wanted | cv::IMREAD_IGNORE_ORIENTATION);
-  } catch (const cv::Exception& e) {
-    return fail("malformed:compressed_data", "OpenCV refuses it: " + e.err);
-  }
-  if (picture.empty() || picture.cols != size->width || picture.rows != size->height)
-    return fail("malformed:compressed_data", "it does not decode to the size that its header gives");
-  Image image{*stamp, picture.cols, picture.rows, std::vector<std::uint8_t>(picture.total())};
+  const auto [width, height] = header->size;
+  Image image{*stamp, width, height, std::vector<std::uint8_t>(static_cast<std::size_t>(width) * height)};
   const bool grey_only = colour == Colour::none;
-  if (const auto made = convert(picture, grey_only ? as_it_is : cv::COLOR_BGR2GRAY, CV_8UC1, image.pixels); !made)
-    return tl::unexpected(made.error());
+  if (!grey_only) image.rgb.resize(3 * image.pixels.size());
+  const auto decoded = decompress(bytes, *header, grey_only ? 1 : 3, grey_only ? image.pixels : image.rgb);
+  if (!decoded) return tl::unexpected(decoded.error());
   if (grey_only) return image;
-  image.rgb.resize(3 * image.pixels.size());
-  if (const auto made = convert(picture, cv::COLOR_BGR2RGB, CV_8UC3, image.rgb); !made)
+  const cv::Mat rgb(height, width, CV_8UC3, image.rgb.data());
+  if (const auto made = convert(rgb, cv::COLOR_RGB2GRAY, CV_8UC1, image.pixels); !made)
     return tl::unexpected(made.error());
   return image;
 }

@@ -10,11 +10,14 @@
 namespace calib {
 namespace {
 
+/// Of a name that anybody may have made, as much as a name of ROS or DDS may have.
+std::string short_text(const char* name) { return std::string(std::string_view(name).substr(0, 300)); }
+
 std::string partition_of(const dds_qos_t* qos) {
   std::uint32_t count = 0;
   char** names = nullptr;
   if (!dds_qget_partition(qos, &count, &names)) return {};
-  std::string first = count > 0 ? names[0] : "";
+  std::string first = count > 0 ? short_text(names[0]) : "";
   for (std::uint32_t i = 0; i < count; ++i) {
     if (*names[i] == '\0' || std::string_view(names[i]) == "*") first.clear();  // the default one is among them
     dds_free(names[i]);
@@ -48,8 +51,8 @@ std::string obstacle_of(const dds_qos_t* qos) {
 }
 
 RemoteWriter described(const dds_builtintopic_endpoint_t& endpoint) {
-  RemoteWriter writer{ros_topic_name(endpoint.topic_name), ros_type_name(endpoint.type_name), false,
-                      obstacle_of(endpoint.qos)};
+  RemoteWriter writer{ros_topic_name(short_text(endpoint.topic_name)),
+                      ros_type_name(short_text(endpoint.type_name)), false, obstacle_of(endpoint.qos)};
   dds_reliability_kind_t reliability = DDS_RELIABILITY_BEST_EFFORT;
   dds_duration_t blocking = 0;
   writer.reliable =

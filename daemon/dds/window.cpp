@@ -2,55 +2,68 @@
 
 #include <algorithm>
 
+#include "dds/compressed_probe.hpp"
 #include "dds/messages.hpp"
 #include "dds/names.hpp"
+#include "dds/no_throw.hpp"
 
 namespace calib {
 namespace {
 
+/// All of the fastest IMU's for as long as it takes to decode a large image.
+constexpr int motion_history = 256;
+
+SeenImage seen(const sensor_msgs_msg_dds__Image_& message) {
+  return {decode_stamp(message.header).value_or(Timestamp{}),
+          {static_cast<int>(message.width), static_cast<int>(message.height)}};
+}
+SeenImage seen(const stereo_msgs_msg_dds__DisparityImage_& message) { return seen(message.image); }
+SeenImage seen(const sensor_msgs_msg_dds__CompressedImage_& message) {
+  const auto header = probe_compressed({message.data._buffer, message.data._length});
+  return {decode_stamp(message.header).value_or(Timestamp{}), header ? header->size : ImageSize{}};
+}
+
+}  // namespace
+
 /// Takes the next sample, as `As`, or as `Malformed`.
 template <typename As, typename Message, auto decode>
-Result<std::optional<Sample>> take(dds_entity_t reader, const std::string& topic) {
+Result<std::optional<Sample>> SamplingWindow::take_next(dds_entity_t reader, const std::string& topic,
+                                                   const Limits& limits) {
   void* loan = nullptr;
   dds_sample_info_t info;
   const dds_return_t taken = dds_take(reader, &loan, &info, 1, 1);
   if (const auto took = check(taken, topic); !took) return tl::unexpected(took.error());
   std::optional<Sample> sample;
   if (taken == 1 && info.valid_data) {
-    auto decoded = decode(*static_cast<const Message*>(loan));
-    if (decoded)
+    const auto& message = *static_cast<const Message*>(loan);
+    auto decoded = no_throw([&] { return decode(message, limits); });
+    if (decoded) {
       sample = As{std::move(*decoded)};
-    else
-      sample = Malformed{topic, std::move(decoded.error())};
+    } else {
+      Malformed malformed{topic, std::move(decoded.error())};
+      if constexpr (requires { seen(message); })
+        if (malformed.error.code == "image_size_mismatch") malformed.image = seen(message);
+      sample = std::move(malformed);
+    }
   }
   if (taken > 0) dds_return_loan(reader, &loan, taken);
   return sample;
 }
 
-template <Colour colour>
-Result<Image> image_of(const sensor_msgs_msg_dds__Image_& message) {
-  return decode_image(message, colour);
+template <typename As, Colour colour>
+Result<void> SamplingWindow::add_image(dds_entity_t participant, const std::string& topic, const ImageBound& bound) {
+  constexpr auto raw = [](const auto& message, const Limits& limits) {
+    return decode_image(message, colour, limits.image);
+  };
+  constexpr auto compressed = [](const auto& message, const Limits& limits) {
+    return decode_compressed_image(message, colour, limits.image);
+  };
+  return is_compressed_topic(topic)
+             ? add(participant, compressed_image_type, topic,
+                   take_next<As, sensor_msgs_msg_dds__CompressedImage_, compressed>,
+                   {.image = bound})
+             : add(participant, image_type, topic, take_next<As, sensor_msgs_msg_dds__Image_, raw>, {.image = bound});
 }
-template <Colour colour>
-Result<Image> compressed_image_of(const sensor_msgs_msg_dds__CompressedImage_& message) {
-  return decode_compressed_image(message, colour);
-}
-
-template <typename As, Colour colour = Colour::none>
-constexpr auto take_image = take<As, sensor_msgs_msg_dds__Image_, image_of<colour>>;
-template <typename As, Colour colour = Colour::none>
-constexpr auto take_compressed = take<As, sensor_msgs_msg_dds__CompressedImage_, compressed_image_of<colour>>;
-/// All of the fastest IMU's for as long as it takes to decode a large image.
-constexpr int motion_history = 256;
-constexpr auto take_cloud = take<DecodedCloud, sensor_msgs_msg_dds__PointCloud2_, decode_cloud>;
-template <typename As>
-constexpr auto take_camera_info = take<As, sensor_msgs_msg_dds__CameraInfo_, decode_camera_info>;
-constexpr auto take_depth = take<DepthImage, sensor_msgs_msg_dds__Image_, decode_depth>;
-constexpr auto take_imu = take<TurnRate, sensor_msgs_msg_dds__Imu_, decode_imu>;
-constexpr auto take_odometry = take<TurnRate, nav_msgs_msg_dds__Odometry_, decode_odometry>;
-constexpr auto take_disparity = take<DepthImage, stereo_msgs_msg_dds__DisparityImage_, decode_disparity>;
-
-}  // namespace
 
 Result<SamplingWindow> SamplingWindow::open(dds_entity_t participant, dds_entity_t interrupt,
                                             const PairTopics& topics) {
@@ -59,37 +72,59 @@ Result<SamplingWindow> SamplingWindow::open(dds_entity_t participant, dds_entity
   auto waitset = own(dds_create_waitset(participant), "waitset");
   if (!waitset) return tl::unexpected(waitset.error());
   window.waitset_ = std::move(*waitset);
-
   auto opened = check(dds_waitset_attach(window.waitset_.get(), interrupt, 0), "waitset");
-  const auto add_image = [&](const std::string& topic, Take raw, Take compressed) {
-    return is_compressed_topic(topic) ? window.add(participant, compressed_image_type, topic, compressed)
-                                      : window.add(participant, image_type, topic, raw);
-  };
-  if (opened && topics.motion)  // first: a pair needs what was before it
-    opened = topics.motion->message == MotionMessage::imu
-                 ? window.add(participant, imu_type, topics.motion->name, take_imu, motion_history)
-                 : window.add(participant, odometry_type, topics.motion->name, take_odometry, motion_history);
-  if (opened && topics.colour == Colour::rgb)
-    opened = add_image(topics.image, take_image<LeftImage, Colour::rgb>, take_compressed<LeftImage, Colour::rgb>);
-  else if (opened)
-    opened = add_image(topics.image, take_image<LeftImage>, take_compressed<LeftImage>);
-  if (opened && topics.right_image)
-    opened = add_image(*topics.right_image, take_image<RightImage>, take_compressed<RightImage>);
-  if (opened) opened = window.add(participant, cloud_type, topics.cloud, take_cloud);
-  if (opened && topics.camera_info)
-    opened = window.add(participant, camera_info_type, *topics.camera_info, take_camera_info<CameraInfo>);
-  if (opened && topics.right_camera_info)
-    opened = window.add(participant, camera_info_type, *topics.right_camera_info, take_camera_info<RightCameraInfo>);
-  if (opened && topics.depth)
-    opened = topics.depth->message == DepthMessage::image
-                 ? window.add(participant, image_type, topics.depth->name, take_depth)
-                 : window.add(participant, disparity_image_type, topics.depth->name, take_disparity);
+  if (opened) opened = window.add_all(participant, topics);
   if (!opened) return tl::unexpected(opened.error());
   return window;
 }
 
+Result<void> SamplingWindow::add_all(dds_entity_t participant, const PairTopics& topics) {
+  constexpr auto cloud = [](const auto& message, const Limits& limits) {
+    return decode_cloud(message, limits.max_points);
+  };
+  constexpr auto info = [](const auto& message, const Limits&) { return decode_camera_info(message); };
+  constexpr auto depth = [](const auto& message, const Limits& limits) { return decode_depth(message, limits.image); };
+  constexpr auto disparity = [](const auto& message, const Limits& limits) {
+    return decode_disparity(message, limits.image);
+  };
+  constexpr auto imu = [](const auto& message, const Limits&) { return decode_imu(message); };
+  constexpr auto odometry = [](const auto& message, const Limits&) { return decode_odometry(message); };
+  using Info = sensor_msgs_msg_dds__CameraInfo_;
+
+  Result<void> added;
+  if (topics.motion)  // first: a pair needs what was before it
+    added = topics.motion->message == MotionMessage::imu
+                ? add(participant, imu_type, topics.motion->name,
+                      take_next<TurnRate, sensor_msgs_msg_dds__Imu_, imu>, {}, motion_history)
+                : add(participant, odometry_type, topics.motion->name,
+                      take_next<TurnRate, nav_msgs_msg_dds__Odometry_, odometry>, {}, motion_history);
+  if (added)
+    added = topics.colour == Colour::rgb
+                ? add_image<LeftImage, Colour::rgb>(participant, topics.image, topics.image_bound)
+                : add_image<LeftImage, Colour::none>(participant, topics.image, topics.image_bound);
+  if (added && topics.right_image)
+    added = add_image<RightImage, Colour::none>(participant, *topics.right_image, topics.right_bound);
+  if (added)
+    added = add(participant, cloud_type, topics.cloud,
+                take_next<DecodedCloud, sensor_msgs_msg_dds__PointCloud2_, cloud>,
+                {.max_points = topics.max_points});
+  if (added && topics.camera_info)
+    added = add(participant, camera_info_type, *topics.camera_info, take_next<CameraInfo, Info, info>, {});
+  if (added && topics.right_camera_info)
+    added = add(participant, camera_info_type, *topics.right_camera_info, take_next<RightCameraInfo, Info, info>, {});
+  if (added && topics.depth)
+    added = topics.depth->message == DepthMessage::image
+                ? add(participant, image_type, topics.depth->name,
+                      take_next<DepthImage, sensor_msgs_msg_dds__Image_, depth>,
+                      {.image = topics.depth_bound})
+                : add(participant, disparity_image_type, topics.depth->name,
+                      take_next<DepthImage, stereo_msgs_msg_dds__DisparityImage_, disparity>,
+                      {.image = topics.depth_bound});
+  return added;
+}
+
 Result<void> SamplingWindow::add(dds_entity_t participant, const MessageType& type, const std::string& topic, Take take,
-                                 int history) {
+                                 Limits limits, int history) {
   // Best effort matches reliable and best-effort writers, and a slow reader holds no writer back.
   auto endpoint = make_reader(participant, type, topic, {.reliable = false, .durable = false, .depth = history});
   if (!endpoint) return tl::unexpected(endpoint.error());
@@ -97,7 +132,7 @@ Result<void> SamplingWindow::add(dds_entity_t participant, const MessageType& ty
   if (!new_sample) return tl::unexpected(new_sample.error());
   if (auto attached = check(dds_waitset_attach(waitset_.get(), new_sample->get(), 0), topic); !attached)
     return attached;
-  readers_.push_back({topic, std::move(*endpoint), std::move(*new_sample), take, history});
+  readers_.push_back({topic, std::move(*endpoint), std::move(*new_sample), take, std::move(limits), history});
   return {};
 }
 
@@ -113,7 +148,7 @@ Result<std::vector<Sample>> SamplingWindow::wait(std::chrono::nanoseconds timeou
   if (interrupted) return samples;
   for (const Reader& reader : readers_)
     for (int i = 0; i < reader.history; ++i) {
-      auto sample = reader.take(reader.endpoint.endpoint.get(), reader.topic);
+      auto sample = reader.take(reader.endpoint.endpoint.get(), reader.topic, reader.limits);
       if (!sample) return tl::unexpected(sample.error());
       if (!*sample) break;
       samples.push_back(std::move(**sample));

@@ -81,7 +81,23 @@ TEST_CASE("every bound of an image is refused by its name, one step outside") {
               m.data.resize(72);
             }},
            {"malformed:image_data", [](auto& m) { m.data.resize(24); }, [](auto& m) { m.data.resize(23); }},
-           {"malformed:image_data", [](auto&) {}, [](auto& m) { m.step = 0x40000000; }}});
+           {"malformed:image_data", [](auto&) {}, [](auto& m) { m.step = 0x40000000; }},
+           {"malformed:step",
+            [](auto& m) {
+              m.step = 6 + 4096;
+              m.data.resize(4 * m.step);
+            },
+            [](auto& m) {
+              m.step = 6 + 4097;
+              m.data.resize(4 * m.step);
+            }},
+           {"malformed:image_data", [](auto& m) { m.data.resize(24 + 65536); },
+            [](auto& m) { m.data.resize(24 + 65537); }},
+           {"malformed:image_data", [](auto&) {},
+            [](auto& m) {
+              m.width = m.height = m.step = 1;
+              m.data.resize(200'000'000);
+            }}});
 }
 
 TEST_CASE("every bound of a compressed image is refused by its name") {
@@ -100,8 +116,9 @@ TEST_CASE("every bound of a compressed image is refused by its name") {
       good, {{"malformed:stamp", same, [](auto& m) { m.nanosec = 1'000'000'000; }},
              {"malformed:depth_encoding", [](auto& m) { m.format = "mono8; png compressed "; },
               [](auto& m) { m.format = "16UC1; png compressed "; }},
-             {"malformed:compressed_size", [](auto& m) { m.data.resize(32'000'000); },
-              [](auto& m) { m.data.resize(32'000'001); }},
+             {"malformed:compressed_size", [](auto& m) { m.data.resize(8 * 8 * 4 + 65536); },
+              [](auto& m) { m.data.resize(8 * 8 * 4 + 65537); }},
+             {"malformed:compressed_size", same, [](auto& m) { m.data.resize(32'000'001); }},
              {"malformed:compressed_size", same, [](auto& m) { m.data.clear(); }},
              {"malformed:compressed_format", same, [](auto& m) { m.data[0] ^= 1; }},
              {"malformed:compressed_dimensions", same, png_size(0, 8)},
@@ -165,6 +182,26 @@ TEST_CASE("every bound of a cloud is refused by its name, one step outside") {
               m.data.resize(97);
             }},
            {"malformed:cloud_data", [](auto& m) { m.data.resize(96); }, [](auto& m) { m.data.resize(95); }},
+           {"malformed:row_step",
+            [](auto& m) {
+              m.row_step = 48 + 4096;
+              m.data.resize(2 * m.row_step);
+            },
+            [](auto& m) {
+              m.row_step = 48 + 4097;
+              m.data.resize(2 * m.row_step);
+            }},
+           {"malformed:cloud_data", [](auto& m) { m.data.resize(96 + 4096 + 65536); },
+            [](auto& m) { m.data.resize(96 + 4096 + 65537); }},
+           {"malformed:cloud_data",
+            [](auto& m) {
+              m.width = 0;
+              m.data.resize(65536);
+            },
+            [](auto& m) {
+              m.width = 0;
+              m.data.resize(65537);
+            }},
            {"malformed:cloud_data", same, [](auto& m) { m.row_step = 0xFFFFFFFF; }}});
 }
 

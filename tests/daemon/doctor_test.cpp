@@ -180,6 +180,19 @@ TEST_CASE("an image of another size is named, and whether it is scaled") {
   CHECK_FALSE(holds(finding(seen, "image_size").cause, "scaled"));
 }
 
+TEST_CASE("images of another size, which are not decoded, hide no other cause and are none of pairing") {
+  PairSeen seen = healthy();
+  seen.image = ImageSize{320, 96};
+  seen.time_difference = fail("sensor_silent", "no image arrived");
+  seen.depth = fail("no_pair", "there is no pair");
+  CHECK(problems(seen) == Names{"image_size/image_size_mismatch"});
+  CHECK(finding(seen, "pairing").result == FindingResult::not_checked);
+  seen.image = ImageSize{640, 192};
+  seen.companion_size = "/right/image: the image is 6 x 4, and depth.right_camera.size is 7 x 4";
+  CHECK(problems(seen) == Names{"image_size/image_size_mismatch"});
+  CHECK(holds(finding(seen, "image_size").seen, "depth.right_camera.size is 7 x 4"));
+}
+
 TEST_CASE("a lens that CameraInfo contradicts is named") {
   PairSeen seen = healthy();
   seen.camera = require_ok(Camera::make(CameraModel::equidistant, 640, 192, {370, 370, 320, 90}, {0, 0, 0, 0}));

@@ -2,6 +2,9 @@
 
 import copy
 import dataclasses
+import pathlib
+import re
+import socket
 import time
 import zlib
 
@@ -13,6 +16,7 @@ from cyclonedds.idl import IdlStruct  # noqa: E402
 from cyclonedds.idl.types import sequence, uint8  # noqa: E402
 
 import ros  # noqa: E402
+import scene  # noqa: E402
 import vehicle  # noqa: E402
 
 IMAGE, CLOUD = "sensor_msgs/Image", "sensor_msgs/PointCloud2"
@@ -38,14 +42,26 @@ def compressed(data, format="png"):
                                            data=np.frombuffer(data, np.uint8)))
 
 
-def png(width, height):
-    """A PNG with this header and hardly any pixels."""
+def png(width, height, pixels=b"\0" * 9):
+    """A PNG with this header and, unless they are given, hardly any pixels."""
     def chunk(kind, body):
         return len(body).to_bytes(4, "big") + kind + body + zlib.crc32(kind + body).to_bytes(4, "big")
 
     head = width.to_bytes(4, "big") + height.to_bytes(4, "big") + b"\x08\x00\x00\x00\x00"
-    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(b"\0" * 9))
+    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(pixels, 9))
             + chunk(b"IEND", b""))
+
+
+def jpeg_of_scans(width, height, scans):
+    """A progressive JPEG of one colour, whose refinements have no data: a decoder goes over all of it for each of them."""
+    table = b"".join(b"\xff\xc4\0\x14" + kind + b"\1" + bytes(16) for kind in (b"\0", b"\x10"))
+    frame = (b"\xff\xc2\0\x0b\x08" + height.to_bytes(2, "big") + width.to_bytes(2, "big") + b"\1\1\x11\0")
+    first, refinement = b"\xff\xda\0\x08\1\1\0\0\0\1\0\0\0\0", b"\xff\xda\0\x08\1\1\0\1\x3f\x10\0"
+    return (b"\xff\xd8\xff\xdb\0\x43\0" + b"\1" * 64 + frame + table + first + refinement * (scans - 1) + b"\xff\xd9")
+
+
+SCANS_BOMB = jpeg_of_scans(8000, 8000, 600)
+PIXELS_BOMB = png(8000, 8000, bytes(8001 * 8000))
 
 
 def info(**changes):
@@ -91,6 +107,9 @@ WAYS = {
     "image, step": ("malformed:step", IMAGE, lambda: image(step=5)),
     "image, data": ("malformed:image_data", IMAGE, lambda: image(data=np.zeros(23, np.uint8))),
     "image, step overflows": ("malformed:image_data", IMAGE, lambda: image(step=2**30)),
+    "image, padding": ("malformed:step", IMAGE, lambda: image(step=9000, data=np.zeros(36_000, np.uint8))),
+    "image, too much data": ("malformed:image_data", IMAGE, lambda: image(data=np.zeros(100_000, np.uint8))),
+    "image, another size": ("image_size_mismatch", IMAGE, image),
     "cloud, stamp": ("malformed:stamp", CLOUD, lambda: cloud(header=bad_stamp())),
     "cloud, point step 0": ("malformed:point_step", CLOUD, lambda: cloud(point_step=0)),
     "cloud, point step": ("malformed:point_step", CLOUD, lambda: cloud(point_step=4097)),
@@ -111,7 +130,15 @@ WAYS = {
     "compressed, format": ("malformed:compressed_format", COMPRESSED, lambda: compressed(b"GIF89a" + bytes(64))),
     "compressed, depth": ("malformed:depth_encoding", COMPRESSED, lambda: compressed(png(8, 8), "16UC1; png")),
     "compressed, bomb": ("malformed:compressed_dimensions", COMPRESSED, lambda: compressed(png(60_000, 60_000))),
-    "compressed, data": ("malformed:compressed_data", COMPRESSED, lambda: compressed(png(8, 8)[:-30])),
+    "compressed, another size": ("image_size_mismatch", COMPRESSED, lambda: compressed(png(8, 8))),
+    "compressed, too many bytes": ("malformed:compressed_size", COMPRESSED, lambda: compressed(
+        png(scene.WIDTH, scene.HEIGHT) + bytes(4 * scene.WIDTH * scene.HEIGHT + 2**16))),
+    "compressed, data": ("malformed:compressed_data", COMPRESSED, lambda: compressed(png(scene.WIDTH, scene.HEIGHT)[:-30])),
+    "compressed, pixels": ("malformed:compressed_data", COMPRESSED, lambda: compressed(png(scene.WIDTH, scene.HEIGHT))),
+    "compressed, scans": ("malformed:compressed_scans", COMPRESSED, lambda: compressed(
+        jpeg_of_scans(scene.WIDTH, scene.HEIGHT, 33))),
+    "compressed, many scans of many pixels": ("image_size_mismatch", COMPRESSED, lambda: compressed(SCANS_BOMB)),
+    "compressed, many pixels": ("image_size_mismatch", COMPRESSED, lambda: compressed(PIXELS_BOMB)),
     "info, not finite": ("malformed:intrinsics", INFO, lambda: info(k=with_focal_length(float("nan")))),
     "info, focal length": ("malformed:intrinsics", INFO, lambda: info(k=with_focal_length(1e5))),
     "info, distortion": ("malformed:distortion", INFO, lambda: info(d=np.zeros(3))),
@@ -198,6 +225,15 @@ def test_bytes_that_are_no_such_message_are_dropped(bench, dds_domain, kind, top
     bench.evaluates()
 
 
+def test_a_cloud_of_thousands_of_fields_is_dropped_before_they_take_memory(bench):
+    encoded, before = cloud(fields=fields() * 400), bench.counted("malformed:fields")
+    for _ in range(40):
+        ros.write_cdr(bench.writers[CLOUD], encoded)
+        time.sleep(0.02)
+    assert bench.counted("malformed:fields") == before
+    bench.evaluates()
+
+
 def test_thousands_of_them_cost_no_memory(bench):
     big = np.zeros((240, 640), np.uint8)
     floods = [(kind, make()) for _, kind, make in WAYS.values()]
@@ -221,3 +257,69 @@ def test_thousands_of_them_cost_no_memory(bench):
     grown = bench.daemon.resident_bytes() - resident
     assert grown < 8 * 2**20, f"{grown / 2**20:.1f} MiB more after the second flood"
     bench.evaluates()
+
+
+def two_pairs(folder, domain):
+    """The front one reads raw images, the rear one compressed ones."""
+    config = vehicle.configuration(folder, domain, "500ms", "500ms")
+    rear = copy.deepcopy(config["pairs"][0])
+    rear["name"], rear["camera"]["image"] = "rear", TOPICS[COMPRESSED][1]
+    rear["lidar"]["cloud"], rear["depth"]["right_image"] = "/rear/points", "/rear/right/compressed"
+    config["pairs"].append(rear)
+    return config
+
+
+def test_images_that_ask_for_minutes_and_gigabytes_cost_neither(bench, bin_dir, tmp_path, dds_domain, slowdown):
+    """A flood of them at the rear camera's topic: the front pair is evaluated, questions are answered, SIGTERM is obeyed."""
+    bombs = [ros.cdr(COMPRESSED, ros.message("sensor_msgs/CompressedImage", header=ros.header(1, "camera"), format="jpeg",
+                                             data=np.frombuffer(data, np.uint8)))
+             for data in (SCANS_BOMB, PIXELS_BOMB, jpeg_of_scans(scene.WIDTH, scene.HEIGHT, 32))]
+    with vehicle.Calibd(bin_dir, tmp_path, two_pairs(tmp_path, dds_domain)) as daemon, \
+            vehicle.Vehicle(bench.peer, bench.frames):
+        daemon.wait_for(lambda: daemon.pair()["evaluated"] >= 2, 60)
+        peak, evaluated, end = daemon.peak_bytes(), daemon.pair()["evaluated"], time.monotonic() + 4 * slowdown
+        while time.monotonic() < end:
+            for bomb in bombs:
+                ros.write_cdr(bench.writers[COMPRESSED], bomb)
+            time.sleep(0.01)
+        pairs = daemon.pairs()
+        assert pairs["rear"]["skipped"]["image_size_mismatch"] > 2, daemon.log()
+        assert pairs["front"]["evaluated"] > evaluated, daemon.log()
+        assert daemon.peak_bytes() - peak < 32 * 2**20, f"{(daemon.peak_bytes() - peak) / 2**20:.1f} MiB more"
+        asked = time.monotonic()
+        daemon.stop()
+        assert time.monotonic() - asked < 2 * slowdown, daemon.log()
+
+
+def udp_ports(pid):
+    """On which a process listens."""
+    sockets = set()
+    for entry in pathlib.Path(f"/proc/{pid}/fd").iterdir():
+        try:
+            sockets.add(entry.readlink().name)
+        except FileNotFoundError:
+            pass  # the folder's own
+    lines = pathlib.Path(f"/proc/{pid}/net/udp").read_text().splitlines()[1:]
+    return [int(line.split()[1].split(":")[1], 16) for line in lines if f"socket:[{line.split()[9]}]" in sockets]
+
+
+def test_malformed_packets_do_not_fill_the_log(bench, bin_dir, tmp_path, dds_domain):
+    """Each is a line of Cyclone's: a few come through, the others are counted."""
+    config = vehicle.configuration(tmp_path, dds_domain)
+    packet = b"RTPS\2\1\1\x10" + b"hostile peer" + b"\x15\5\4\0" + b"\xff" * 4  # DATA of four bytes
+    with vehicle.Calibd(bin_dir, tmp_path, config) as daemon, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+        daemon.wait_for(lambda: udp_ports(daemon.pid()) and daemon.pairs(), 30)
+        ports = udp_ports(daemon.pid())
+        sent, end = 0, time.monotonic() + 2
+        while time.monotonic() < end and sent < 20_000:
+            for port in ports:
+                out.sendto(packet, ("127.0.0.1", port))
+                sent += 1
+            time.sleep(0.0005)
+        assert daemon.pairs()
+        daemon.stop()
+        log = daemon.log()
+        assert len(log) < 8000, f"{len(log)} bytes, {log[:2000]}"
+        assert log.count("malformed packet") <= 11, log
+        summary = re.search(r"Cyclone DDS: (\d+) more messages in the last minute, the last: malformed packet", log)
+        assert summary and int(summary[1]) > 100, log

@@ -102,8 +102,7 @@ class Calibd:
         return self
 
     def __exit__(self, *_):
-        self._daemon.terminate()
-        assert self._daemon.wait(timeout=30) == 0, self.log()
+        self.stop()
 
     def log(self):
         return self._log.read_text(errors="replace")
@@ -114,6 +113,18 @@ class Calibd:
     def resident_bytes(self):
         with open(f"/proc/{self._daemon.pid}/statm") as statm:
             return int(statm.read().split()[1]) * 4096
+
+    def peak_bytes(self):
+        with open(f"/proc/{self._daemon.pid}/status") as status:
+            return next(int(line.split()[1]) * 1024 for line in status if line.startswith("VmHWM"))
+
+    def pid(self):
+        return self._daemon.pid
+
+    def stop(self):
+        """As systemd does; returns once it has ended."""
+        self._daemon.terminate()
+        assert self._daemon.wait(timeout=30) == 0, self.log()
 
     def pairs(self):
         done = subprocess.run([self._bin / "calibctl", "--socket", self._socket, "status", "--json"],

@@ -1,0 +1,173 @@
+#include "dds/compressed_probe.hpp"
+
+#include <algorithm>
+#include <cstring>
+#include <optional>
+#include <string>
+#include <string_view>
+
+namespace calib {
+namespace {
+
+using Bytes = std::span<const std::uint8_t>;
+
+std::uint32_t big_endian(Bytes bytes) {
+  std::uint32_t value = 0;
+  for (const std::uint8_t byte : bytes) value = value << 8 | byte;
+  return value;
+}
+
+std::optional<ImageSize> in_bounds(std::int64_t width, std::int64_t height) {
+  if (width < 1 || height < 1 || width > max_image_pixels || height > max_image_pixels / width) return std::nullopt;
+  return ImageSize{static_cast<int>(width), static_cast<int>(height)};
+}
+
+// JPEG: markers, most with a segment of their own length, and after each start of scan its entropy-coded data.
+
+constexpr int start_of_image = 0xD8, end_of_image = 0xD9, start_of_scan = 0xDA;
+
+bool is_frame(int marker) {
+  return marker >= 0xC0 && marker <= 0xCF && marker != 0xC4 && marker != 0xC8 && marker != 0xCC;
+}
+
+struct Segment {
+  int marker = 0;
+  Bytes body;
+  std::size_t end = 0;  // where what follows it begins
+};
+
+/// The segment that begins at `at`, behind fill bytes; none where no marker is, or it reaches past the end.
+std::optional<Segment> jpeg_segment(Bytes bytes, std::size_t at) {
+  if (at >= bytes.size() || bytes[at] != 0xFF) return std::nullopt;
+  while (at < bytes.size() && bytes[at] == 0xFF) ++at;
+  if (at >= bytes.size()) return std::nullopt;
+  const int marker = bytes[at++];
+  if (marker == end_of_image) return Segment{marker, {}, at};
+  const bool bare = marker == 0 || marker == 1 || (marker >= 0xD0 && marker <= start_of_image);
+  if (bare || at + 2 > bytes.size()) return std::nullopt;
+  const std::size_t length = big_endian(bytes.subspan(at, 2));
+  if (length < 2 || at + length > bytes.size()) return std::nullopt;
+  return Segment{marker, bytes.subspan(at + 2, length - 2), at + length};
+}
+
+/// The next marker that ends a scan: not a stuffed zero, a restart or a fill byte.
+std::size_t end_of_scan(Bytes bytes, std::size_t at) {
+  while (at < bytes.size()) {
+    const void* found = std::memchr(bytes.data() + at, 0xFF, bytes.size() - at);
+    if (found == nullptr) break;
+    at = static_cast<std::size_t>(static_cast<const std::uint8_t*>(found) - bytes.data());
+    if (at + 1 >= bytes.size()) break;
+    const int next = bytes[at + 1];
+    if (next != 0 && next != 0xFF && (next < 0xD0 || next > 0xD7)) return at;
+    at += next == 0xFF ? 1 : 2;
+  }
+  return bytes.size();
+}
+
+/// From the first start of frame; a thumbnail lies inside a segment.
+std::optional<ImageSize> jpeg_size(Bytes bytes) {
+  for (auto segment = jpeg_segment(bytes, 2); segment; segment = jpeg_segment(bytes, segment->end)) {
+    if (segment->marker == start_of_scan || segment->marker == end_of_image) return std::nullopt;
+    if (is_frame(segment->marker))
+      return segment->body.size() < 6
+                 ? std::nullopt
+                 : in_bounds(big_endian(segment->body.subspan(3, 2)), big_endian(segment->body.subspan(1, 2)));
+  }
+  return std::nullopt;
+}
+
+Result<void> check_jpeg(Bytes bytes) {
+  int scans = 0, frames = 0;
+  bool whole = false;
+  std::size_t at = 2;
+  while (const auto segment = jpeg_segment(bytes, at)) {
+    at = segment->end;
+    if (is_frame(segment->marker)) {
+      // Baseline, extended and progressive, in Huffman's code: what the others take is not bounded by their bytes.
+      const Bytes frame = segment->body;
+      if (++frames > 1 || segment->marker > 0xC2 || frame.size() < 6 || frame[0] != 8 ||
+          (frame[5] != 1 && frame[5] != 3))
+        return fail("malformed:compressed_format",
+                    "a JPEG is taken with one frame of 8 bits, grey or of 3 colours, baseline or progressive, in "
+                    "Huffman's code");
+    } else if (segment->marker == start_of_scan) {
+      ++scans;
+      at = end_of_scan(bytes, at);
+    } else if (segment->marker == end_of_image) {
+      // Some cameras pad behind the end.
+      whole = std::ranges::all_of(bytes.subspan(at), [](std::uint8_t byte) { return byte == 0; });
+      break;
+    }
+  }
+  if (scans > max_jpeg_scans)
+    return fail("malformed:compressed_scans", "the JPEG has " + std::to_string(scans) + " scans where " +
+                                                  std::to_string(max_jpeg_scans) + " are allowed");
+  if (whole && frames == 1 && scans > 0) return {};
+  return fail("malformed:compressed_data", "the JPEG is cut short, or more follows its end");
+}
+
+// PNG: chunks, of which the first is IHDR.
+
+struct Chunk {
+  std::string_view kind;
+  Bytes body;
+};
+
+std::optional<Chunk> png_chunk(Bytes bytes, std::size_t at) {
+  constexpr std::size_t frame = 12;  // length, kind and checksum
+  if (at + frame > bytes.size()) return std::nullopt;
+  const std::size_t length = big_endian(bytes.subspan(at, 4));
+  if (length > bytes.size() - at - frame) return std::nullopt;
+  return Chunk{{reinterpret_cast<const char*>(bytes.data()) + at + 4, 4}, bytes.subspan(at + 8, length)};
+}
+
+constexpr std::size_t png_first_chunk = 8;
+
+std::optional<Bytes> png_header(Bytes bytes) {
+  const auto chunk = png_chunk(bytes, png_first_chunk);
+  if (!chunk || chunk->kind != "IHDR" || chunk->body.size() != 13) return std::nullopt;
+  return chunk->body;
+}
+
+Result<void> check_png(Bytes bytes) {
+  std::size_t metadata_bytes = 0;
+  int compressed_metadata = 0;
+  std::size_t at = png_first_chunk;
+  for (auto chunk = png_chunk(bytes, at); chunk; chunk = png_chunk(bytes, at)) {
+    at += 12 + chunk->body.size();
+    if (chunk->kind == "IEND") return {};
+    if (chunk->kind == "acTL" || chunk->kind == "fcTL" || chunk->kind == "fdAT")
+      return fail("malformed:compressed_format", "the PNG is animated");
+    if (chunk->kind == "IDAT") continue;
+    metadata_bytes += 12 + chunk->body.size();
+    compressed_metadata += chunk->kind == "iCCP" || chunk->kind == "zTXt" || chunk->kind == "iTXt";
+    if (metadata_bytes > max_png_metadata_bytes || compressed_metadata > max_png_compressed_metadata)
+      return fail("malformed:compressed_metadata",
+                  "the PNG holds more than 1 MiB beside its pixels, or more than " +
+                      std::to_string(max_png_compressed_metadata) + " compressed texts and profiles");
+  }
+  return fail("malformed:compressed_data", "the PNG is cut short");
+}
+
+}  // namespace
+
+Result<CompressedHeader> probe_compressed(Bytes bytes) {
+  constexpr std::uint8_t png[] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1A, '\n'};
+  constexpr std::uint8_t jpeg[] = {0xFF, start_of_image, 0xFF};
+  const bool is_png = bytes.size() >= 8 && std::ranges::equal(bytes.first(8), png);
+  const bool is_jpeg = bytes.size() >= 3 && std::ranges::equal(bytes.first(3), jpeg);
+  if (!is_png && !is_jpeg) return fail("malformed:compressed_format", "data begins neither as a JPEG nor as a PNG");
+  std::optional<ImageSize> size;
+  if (is_jpeg)
+    size = jpeg_size(bytes);
+  else if (const auto header = png_header(bytes))
+    size = in_bounds(big_endian(header->first(4)), big_endian(header->subspan(4, 4)));
+  if (!size) return fail("malformed:compressed_dimensions", "its header gives no size in 1 .. 64 Mpx");
+  return CompressedHeader{is_png ? Compression::png : Compression::jpeg, *size};
+}
+
+Result<void> check_compressed(Bytes bytes, const CompressedHeader& header) {
+  return header.compression == Compression::jpeg ? check_jpeg(bytes) : check_png(bytes);
+}
+
+}  // namespace calib
