@@ -1,14 +1,20 @@
 """calibctl with the real calibd, which no sensor feeds: what it answers, and what it leaves."""
 
 import json
+import os
+import pathlib
 import shutil
 import signal
+import socket
+import sqlite3
 import subprocess
+import tempfile
 import time
 
 import pytest
 
-from conftest import DONE, FAILED, NO, NOT_FOUND
+from conftest import DONE, FAILED, NO, NOT_FOUND, Calibctl
+from support.frozen import Frozen, thread_of
 
 CONFIGURATION = """
 vehicle: demo-car
@@ -85,6 +91,65 @@ def test_rolling_back_is_recorded_with_who_asked(bare, daemon, schema):
     schema("record", record)
     assert record["decision"] == "rolled_back" and record["asked_by"].startswith("uid:") and record["sequence"] == 2
     assert json.loads(bare("status", "--json").out)["pairs"][0]["record"]["sequence"] == 2
+
+
+def test_questions_of_askers_who_left_do_not_pile_up(bare, daemon):
+    question = json.dumps({"schema": 1, "request": "rollback", "pair": "front", "to": 1}).encode() + b"\n"
+    with Frozen(thread_of(daemon.pid, "pairs")):
+        for _ in range(60):
+            with socket.socket(socket.AF_UNIX) as asker:
+                asker.connect(str(bare.socket))
+                asker.sendall(question)
+                asker.settimeout(0.05)
+                try:
+                    asker.recv(1)
+                except TimeoutError:
+                    pass
+    last = bare("rollback", "front", "--to", "1")
+    assert last.exit == DONE
+    records = len(bare("history").out.splitlines())
+    assert 2 <= records <= 1 + 16 + 1
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs another user")
+def test_who_may_ask_but_not_read_the_store_sees_the_records_by_the_daemon(bin_dir, dds_domain):
+    with tempfile.TemporaryDirectory() as name:
+        folder = pathlib.Path(name)
+        folder.chmod(0o755)
+        other = Calibctl(bin_dir, folder)
+        other("keygen", "--out", other.key)
+        (folder / "calibd.yaml").write_text(CONFIGURATION.format(folder=folder, domain=dds_domain))
+        # Of calibd's group, and not calibd's user.
+        member = {"user": 65534, "group": os.getegid(), "extra_groups": []}
+        with subprocess.Popen([bin_dir / "calibd", "--config", folder / "calibd.yaml"], stderr=subprocess.DEVNULL) as running:
+            try:
+                deadline = time.monotonic() + 30
+                while other("status", **member).exit != DONE:
+                    assert running.poll() is None and time.monotonic() < deadline
+                    time.sleep(0.1)
+                for _ in range(3):
+                    assert other("rollback", "front", "--to", "1").exit == DONE
+                verified = other("verify", **member)
+                assert verified.exit == DONE and verified.out.startswith("4 records verified"), verified
+                assert other("history", **member).out == other("history").out != ""
+                status = json.loads(other("status", "--json", **member).out)
+                assert status["pairs"][0]["record"]["verified_by"] == "calibctl"
+            finally:
+                running.terminate()
+        denied = other("verify", **member)
+        assert denied.exit == NOT_FOUND and "only calibd and root may read" in denied.err
+        assert other("verify").exit == DONE
+
+
+def test_a_chain_that_ends_early_does_not_verify(bare, daemon):
+    assert bare("rollback", "front", "--to", "1").exit == DONE
+    daemon.send_signal(signal.SIGKILL)
+    daemon.wait()
+    assert bare("verify").exit == DONE
+    with sqlite3.connect(bare.store) as store:
+        store.execute("delete from record where sequence = 2")
+    cut = bare("verify")
+    assert cut.exit == NO and "records were cut off" in cut.err
 
 
 def test_a_killed_daemon_leaves_its_last_words(bare, daemon, schema):

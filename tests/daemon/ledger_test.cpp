@@ -2,6 +2,7 @@
 
 #include <sqlite3.h>
 
+#include <fstream>
 #include <limits>
 
 #include "support/catch.hpp"
@@ -156,6 +157,137 @@ TEST_CASE("a ledger whose records were tampered with does not open") {
             "update record set canonical = replace(canonical, 'a test', 'a jest') where sequence = 2");
   }
   CHECK_FALSE(garage.open());
+}
+
+TEST_CASE("the latest alerts are those that late readers get, and one that cannot be read costs no other") {
+  const Garage garage;
+  auto ledger = test::require_ok(garage.open());
+  for (int i = 0; i < 40; ++i) REQUIRE(ledger.write("front", {}, {{}, alert_of(Verdict::drifted)}, moment));
+  execute(garage.folder.path() / "calibd.db", "update outbox set json = 'spoilt' where sequence = 20");
+  const auto latest = test::require_ok(ledger.latest_alerts(32));
+  REQUIRE(latest.alerts.size() == 31);
+  CHECK(latest.alerts.front().alert_sequence == 9);
+  CHECK(latest.alerts.back().alert_sequence == 40);
+  REQUIRE(latest.unreadable.size() == 1);
+  CHECK_THAT(latest.unreadable[0].context, Catch::Matchers::StartsWith("alert 20: "));
+}
+
+TEST_CASE("records of another vehicle are refused") {
+  const Garage garage;
+  {
+    auto ledger = test::require_ok(garage.open());
+    REQUIRE(ledger.write("front", {}, {decided(Decision::initial, 1), {}}, moment));
+  }
+  Provenance other = provenance;
+  other.vehicle = "another car";
+  const auto opened = Ledger::open(garage.folder.path(), garage.folder.path(),
+                                   test::require_ok(SigningKey::load(garage.key_file)), other);
+  REQUIRE_FALSE(opened);
+  CHECK(opened.error().code == "other_vehicle");
+}
+
+TEST_CASE("records that are missing are noticed at the next start, and told by the next record, once") {
+  const Garage garage;
+  const auto file = garage.folder.path() / "calibd.db";
+  const auto earlier = garage.folder.path() / "earlier.db";
+  {
+    auto ledger = test::require_ok(garage.open());
+    CHECK_FALSE(ledger.records_missing());
+    for (double x : {1.0, 2.0}) REQUIRE(ledger.write("front", {}, {decided(Decision::accepted, x), {}}, moment));
+  }
+  std::filesystem::copy(file, earlier);
+  {
+    auto ledger = test::require_ok(garage.open());
+    CHECK_FALSE(ledger.records_missing());
+    REQUIRE(ledger.write("front", {}, {decided(Decision::accepted, 3), {}}, moment));
+  }
+  SECTION("the last ones were cut off") {
+    execute(file, "delete from record where sequence > 1");
+    CHECK_THAT(test::require_ok(garage.open()).records_missing().value(),
+               Catch::Matchers::StartsWith("records 2 to 3, which calibd had written"));
+  }
+  SECTION("all of them were deleted") {
+    execute(file, "delete from record");
+    CHECK_THAT(test::require_ok(garage.open()).records_missing().value(),
+               Catch::Matchers::StartsWith("records 1 to 3, which calibd had written"));
+  }
+  SECTION("an older store was put back") {
+    std::filesystem::copy(earlier, file, std::filesystem::copy_options::overwrite_existing);
+    CHECK_THAT(test::require_ok(garage.open()).records_missing().value(),
+               Catch::Matchers::StartsWith("records 3 to 3, which calibd had written"));
+  }
+  SECTION("another history was written since an older one") {
+    std::filesystem::copy_file(garage.folder.path() / "chain-head.json", garage.folder.path() / "head");
+    std::filesystem::copy(earlier, file, std::filesystem::copy_options::overwrite_existing);
+    {
+      auto ledger = test::require_ok(garage.open());
+      REQUIRE(ledger.write("front", {}, {decided(Decision::accepted, 4), {}}, moment));
+    }
+    std::filesystem::rename(garage.folder.path() / "head", garage.folder.path() / "chain-head.json");
+    CHECK_THAT(test::require_ok(garage.open()).records_missing().value(),
+               Catch::Matchers::StartsWith("record 3 is another than the one"));
+  }
+  SECTION("nobody knows") {
+    std::filesystem::remove(garage.folder.path() / "chain-head.json");
+    CHECK_THAT(test::require_ok(garage.open()).records_missing().value(),
+               Catch::Matchers::StartsWith("whether records are missing cannot be told"));
+  }
+  SECTION("somebody has written what should be remembered") {
+    std::ofstream(garage.folder.path() / "chain-head.json")
+        << R"({"mac":"00","missing":null,"schema":1,"sequence":1,"sha256":""})";
+    CHECK_THAT(test::require_ok(garage.open()).records_missing().value(),
+               Catch::Matchers::EndsWith("was not written with this signing key"));
+  }
+  {
+    auto ledger = test::require_ok(garage.open());  // a start later it is still not told
+    REQUIRE(ledger.records_missing());
+    const auto told = test::require_ok(ledger.write("front", {}, {decided(Decision::accepted, 5), {}}, moment));
+    CHECK(told.record->reason == "a test; " + *ledger.records_missing());
+    const auto next = test::require_ok(ledger.write("front", {}, {decided(Decision::accepted, 6), {}}, moment));
+    CHECK(next.record->reason == "a test");
+  }
+  CHECK_FALSE(test::require_ok(garage.open()).records_missing());
+}
+
+TEST_CASE("a state counts only as it was written, for its pair, and with the records of its time") {
+  const Garage garage;
+  const auto file = garage.folder.path() / "calibd.db";
+  PairState state;
+  state.evaluated = 7;
+  {
+    auto ledger = test::require_ok(garage.open());
+    for (const char* pair : {"front", "rear"})
+      REQUIRE(ledger.write(pair, state, {decided(Decision::initial, 1), {}}, moment));
+    REQUIRE(ledger.write("front", state, {decided(Decision::accepted, 3), {}}, moment));
+    CHECK(test::require_ok(ledger.state("front"))->evaluated == 7);
+  }
+  const auto [sql, why] = GENERATE(table<const char*, const char*>({
+      {"update state set json = replace(json, '\"evaluated\":7', '\"evaluated\":8')", "was not written by calibd"},
+      {"update state set json = (select json from state where pair = 'rear') where pair = 'front'", "is of another pair"},
+      {"delete from record where sequence = 3", "is of another time than the records"},
+      {"update state set json = ''", "was not written by calibd"},
+      {"update state set json = '{}'", "was not written by calibd"},
+  }));
+  execute(file, sql);
+  const auto read = test::require_ok(garage.open()).state("front");
+  INFO(sql);
+  REQUIRE_FALSE(read);
+  CHECK(read.error().code == "malformed_state");
+  CHECK_THAT(read.error().context, Catch::Matchers::ContainsSubstring(why));
+}
+
+TEST_CASE("a head that cannot be remembered is told until it can") {
+  const Garage garage;
+  const auto head_dir = garage.folder.path() / "head";
+  const auto open = [&] {
+    return Ledger::open(garage.folder.path(), head_dir, test::require_ok(SigningKey::load(garage.key_file)), provenance);
+  };
+  auto ledger = test::require_ok(open());
+  REQUIRE(ledger.head_failure());
+  CHECK_THAT(ledger.head_failure()->context, Catch::Matchers::ContainsSubstring("chain-head.json cannot be written"));
+  std::filesystem::create_directory(head_dir);
+  REQUIRE(ledger.write("front", {}, {}, moment));
+  CHECK_FALSE(ledger.head_failure());
 }
 
 TEST_CASE("a ledger signed by another key does not open") {

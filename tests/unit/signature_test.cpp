@@ -195,6 +195,19 @@ TEST_CASE("empty bytes can be signed") {
   require_ok(verify_signature("", key.sign("", ""), key.public_key()));
 }
 
+TEST_CASE("a message authentication code is of one key, one purpose and one message") {
+  const SigningKey key = SigningKey::generate(), other = SigningKey::generate();
+  const std::string mac = key.mac("a purpose", "a message");
+  CHECK(mac.size() == 64);
+  CHECK(mac == key.mac("a purpose", "a message"));
+  CHECK(key.is_mac("a purpose", "a message", mac));
+  CHECK_FALSE(other.is_mac("a purpose", "a message", mac));
+  CHECK_FALSE(key.is_mac("another", "a message", mac));
+  CHECK_FALSE(key.is_mac("a purpose", "a massage", mac));
+  CHECK_FALSE(key.is_mac("a purpose", "a message", mac.substr(1)));
+  CHECK_FALSE(key.is_mac("a purpose", "a message", ""));
+}
+
 TEST_CASE("a key that was moved from holds no secret any more") {
   SigningKey key = SigningKey::generate();
   const std::string before = key.sign("bytes", "comment");
