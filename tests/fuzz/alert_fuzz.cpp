@@ -4,10 +4,11 @@
 namespace calib::fuzz {
 
 std::vector<Octets> seeds() {
-  return {octets(R"({"alert_sequence":7,"pair":"front","previous_verdict":"calibrated","reason":"yaw: 0.6 degrees",)"
-                 R"("record_sequence":3,"rotation_rad":[0.0,0.0,0.01],"schema":1,"sigma_rotation_rad":[0.001,0.001,0.001],)"
-                 R"("sigma_translation_m":[0.01,0.01,0.01],"stamp":"2026-01-31T12:00:00.000000001Z",)"
-                 R"("translation_m":[0.0,0.0,0.0],"vehicle":"demo-car","verdict":"drifted"})")};
+  return {
+      octets(R"({"alert_sequence":7,"pair":"front","previous_verdict":"calibrated","reason":"yaw: 0.6 degrees",)"
+             R"("record_sequence":3,"rotation_rad":[0.0,0.0,0.01],"schema":1,"sigma_rotation_rad":[0.001,0.001,0.001],)"
+             R"("sigma_translation_m":[0.01,0.01,0.01],"stamp":"2026-01-31T12:00:00.000000001Z",)"
+             R"("translation_m":[0.0,0.0,0.0],"vehicle":"demo-car","verdict":"drifted"})")};
 }
 
 }  // namespace calib::fuzz

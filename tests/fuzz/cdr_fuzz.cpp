@@ -31,11 +31,10 @@ struct Type {
   void (*decode)(const void* sample);
 };
 const std::array<Type, 8> types{{
-    {image_type.descriptor, [](const void* s) { check(decode_image(as<sensor_msgs_msg_dds__Image_>(s), Colour::rgb)); }},
+    {image_type.descriptor,
+     [](const void* s) { check(decode_image(as<sensor_msgs_msg_dds__Image_>(s), Colour::rgb)); }},
     {compressed_image_type.descriptor,
-     [](const void* s) {
-       check(decode_compressed_image(as<sensor_msgs_msg_dds__CompressedImage_>(s), Colour::rgb));
-     }},
+     [](const void* s) { check(decode_compressed_image(as<sensor_msgs_msg_dds__CompressedImage_>(s), Colour::rgb)); }},
     {cloud_type.descriptor, [](const void* s) { check(decode_cloud(as<sensor_msgs_msg_dds__PointCloud2_>(s))); }},
     {camera_info_type.descriptor,
      [](const void* s) { check(decode_camera_info(as<sensor_msgs_msg_dds__CameraInfo_>(s))); }},

@@ -8,14 +8,17 @@
 namespace calib::fuzz {
 
 std::vector<Octets> seeds() {
-  const auto seed = [](std::uint8_t pcd, const std::string& content) { return Output().put(pcd).with(octets(content)); };
+  const auto seed = [](std::uint8_t pcd, const std::string& content) {
+    return Output().put(pcd).with(octets(content));
+  };
   const std::string one = std::string("\0\0\x80\x3f", 4), point = one + one + one + one;
   const std::string header =
       "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z intensity\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 1 1 1 1\n"
       "WIDTH 2\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 2\n";
   return {seed(0, point + point), seed(1, header + "DATA binary\n" + point + point),
           seed(1, header + "DATA ascii\n1 2 3 0.5\n-1.5 2e1 nan 7\n"),
-          seed(1, "FIELDS x y z ring reflectance\nSIZE 8 8 8 2 1\nTYPE F F F U U\nPOINTS 1\nDATA binary\n" + point + point)};
+          seed(1, "FIELDS x y z ring reflectance\nSIZE 8 8 8 2 1\nTYPE F F F U U\nPOINTS 1\nDATA binary\n" + point +
+                      point)};
 }
 
 }  // namespace calib::fuzz

@@ -5,12 +5,16 @@ namespace calib::fuzz {
 
 std::vector<Octets> seeds() {
   const std::string top = "file: network.onnx\nsha256: " + std::string(64, 'a') + "\n";
-  return {octets(top + R"(input: {name: image, layout: nchw, channel_order: rgb, size: [320, 192], interpolation: area, scale: 1/255,
+  return {
+      octets(
+          top +
+          R"(input: {name: image, layout: nchw, channel_order: rgb, size: [320, 192], interpolation: area, scale: 1/255,
         mean: [0.485, 0.456, 0.406], std: [0.229, 0.224, 0.225], letterbox: centre, fill: [114, 114, 114]}
 output: {name: depth, semantics: depth_metric, along: ray, canonical_focal_px: 1000, valid_range: [0.1, 300]}
 golden: {image: golden.png, output: golden.f32, tolerance: 0.02}
 )"),
-          octets(top + R"(input: {name: image, layout: nhwc, channel_order: grey, size: [512, 256], keep_aspect: lower_bound,
+      octets(top +
+             R"(input: {name: image, layout: nhwc, channel_order: grey, size: [512, 256], keep_aspect: lower_bound,
         multiple_of: 14, interpolation: cubic, scale: 1}
 output: {name: disparity, semantics: disparity_sigmoid, a: 9.99, b: 0.01}
 )")};

@@ -47,8 +47,7 @@ class Input {
   Number take() {
     Number value{};
     const std::size_t size = std::min(sizeof(Number), bytes_.size() - at_);
-    std::copy_n(bytes_.begin() + static_cast<std::ptrdiff_t>(at_), size,
-                reinterpret_cast<std::uint8_t*>(&value));
+    std::copy_n(bytes_.begin() + static_cast<std::ptrdiff_t>(at_), size, reinterpret_cast<std::uint8_t*>(&value));
     at_ += size;
     return value;
   }

@@ -7,9 +7,9 @@
 namespace calib::fuzz {
 
 /// Mutation seldom makes a word; so a number picks the encoding, and any other number the text of the input.
-constexpr std::array encodings{"mono8",       "8UC1",        "mono16",      "rgb8",        "bgr8",   "8UC3",
-                               "rgba8",       "bgra8",       "bayer_rggb8", "bayer_bggr8", "bayer_gbrg8",
-                               "bayer_grbg8", "yuv422",      "uyvy",        "yuv422_yuy2", "yuyv"};
+constexpr std::array encodings{"mono8",  "8UC1",  "mono16",      "rgb8",        "bgr8",        "8UC3",
+                               "rgba8",  "bgra8", "bayer_rggb8", "bayer_bggr8", "bayer_gbrg8", "bayer_grbg8",
+                               "yuv422", "uyvy",  "yuv422_yuy2", "yuyv"};
 
 std::vector<Octets> seeds() {
   std::vector<Octets> all;

@@ -16,7 +16,8 @@ std::vector<Octets> seeds() {
 
 int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
   using calib::fuzz::require, calib::fuzz::require_code;
-  const auto file = calib::KittiCalibration::read(calib::fuzz::scratch().write("calib.txt", calib::fuzz::text(bytes, size)));
+  const auto file =
+      calib::KittiCalibration::read(calib::fuzz::scratch().write("calib.txt", calib::fuzz::text(bytes, size)));
   if (!file) {
     require_code(file.error(), {"calibration_missing", "calibration_malformed"});
     return 0;
@@ -30,6 +31,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
   else
     require_code(rotation.error(), {"calibration_malformed"});
   if (const auto transform = file->transform(""); transform) require(transform->matrix().allFinite());
-  if (const auto baseline_m = calib::kitti_baseline_m(*file, "00", "01"); baseline_m && *baseline_m) require(**baseline_m > 0);
+  if (const auto baseline_m = calib::kitti_baseline_m(*file, "00", "01"); baseline_m && *baseline_m)
+    require(**baseline_m > 0);
   return 0;
 }

@@ -21,7 +21,8 @@ std::vector<Octets> seeds() {
   const std::string attribute = field(5, field(1, "value") + field(5, tensor));
   const std::string node = field(1, field(1, "x") + attribute);
   const std::string inside = field(7, node + field(5, tensor + std::string("\x70\0", 2)) + field(15, field(1, tensor)));
-  return {octets(inside), octets(elsewhere), octets(inside + field(25, field(7, attribute)) + field(20, field(1, node)))};
+  return {octets(inside), octets(elsewhere),
+          octets(inside + field(25, field(7, attribute)) + field(20, field(1, node)))};
 }
 
 }  // namespace calib::fuzz

@@ -29,8 +29,7 @@ Octets mutated(Octets bytes, std::mt19937& random) {
   };
   for (std::size_t changes = 1 + below(4); changes > 0 && !bytes.empty(); --changes) {
     const std::size_t at = below(bytes.size()), length = std::min(1 + below(16), bytes.size() - at);
-    const auto from = bytes.begin() + static_cast<std::ptrdiff_t>(at),
-               to = from + static_cast<std::ptrdiff_t>(length);
+    const auto from = bytes.begin() + static_cast<std::ptrdiff_t>(at), to = from + static_cast<std::ptrdiff_t>(length);
     switch (below(5)) {
       case 0:
         *from ^= static_cast<std::uint8_t>(1U << below(8));
@@ -46,8 +45,7 @@ Octets mutated(Octets bytes, std::mt19937& random) {
         break;
       default: {
         const Octets piece(from, to);
-        bytes.insert(bytes.begin() + static_cast<std::ptrdiff_t>(below(bytes.size())), piece.begin(),
-                     piece.end());
+        bytes.insert(bytes.begin() + static_cast<std::ptrdiff_t>(below(bytes.size())), piece.begin(), piece.end());
       }
     }
   }
