@@ -48,10 +48,10 @@ std::filesystem::path path_or(const ConfigNode& top, std::string_view key,
   return *fallback;
 }
 
-/// `/var/lib/calibd` or `/var/lib/calibd/` with `-head`: `/var/lib/calibd-head`.
-std::filesystem::path beside(std::filesystem::path folder, std::string_view ending) {
-  if (!folder.has_filename()) folder = folder.parent_path();
-  return folder += ending;
+/// `/var/lib/calibd`, also for `/var/lib/calibd/` and the like.
+std::filesystem::path plain(const std::filesystem::path& folder) {
+  const auto normal = folder.lexically_normal();
+  return normal.has_filename() ? normal : normal.parent_path();
 }
 
 DdsConfig read_dds(const ConfigNode& node) {
@@ -304,8 +304,8 @@ Config read_config(const ConfigNode& top, const Places& places) {
   if (!is_name(config.vehicle, "ABCDEFGHIJKLMNOPQRSTUVWXYZ_-.:"))
     top.at("vehicle").refuse("a vehicle is named with 1 .. 64 letters, digits, _ - . and :");
   config.state_dir = path_or(top, "state_dir", places.state);
-  config.head_dir = path_or(top, "head_dir", places.head ? *places.head : beside(config.state_dir, "-head"));
-  if (config.head_dir.lexically_normal() == config.state_dir.lexically_normal())
+  config.head_dir = path_or(top, "head_dir", places.head ? *places.head : plain(config.state_dir) += "-head");
+  if (plain(config.head_dir) == plain(config.state_dir))
     top.at("head_dir").refuse("needs another folder than state_dir: who loses one shall not lose both");
   config.runtime_dir = path_or(top, "runtime_dir", places.runtime);
   std::optional<std::filesystem::path> credential;
