@@ -18,8 +18,8 @@ struct ChainHead {
   std::optional<std::string> missing;
 };
 
-/// Reads `folder`/chain-head.json; nothing when there is none. Fails with `malformed_head`, also for a file that another
-/// key has authenticated.
+/// Reads `folder`/chain-head.json; nothing when there is none. Fails with `malformed_head`, also for a file that
+/// another key has authenticated.
 [[nodiscard]] Result<std::optional<ChainHead>> read_chain_head(const std::filesystem::path& folder,
                                                                const SigningKey& key);
 /// Replaces it in one step, durably. Fails with `store_failed`.

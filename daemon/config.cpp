@@ -316,7 +316,8 @@ Config read_config(const ConfigNode& top, const Places& places) {
   config.pairs = read_pairs(top.at("pairs"));
   for (PairConfig& pair : config.pairs)
     pair.evidence_text += "vehicle:" + config.vehicle + "\ndomain:" + std::to_string(config.dds.domain) +
-                          "\nmax_time_difference_ns:" + std::to_string(config.sampling.max_time_difference.count()) + '\n';
+                          "\nmax_time_difference_ns:" + std::to_string(config.sampling.max_time_difference.count()) +
+                          '\n';
   return config;
 }
 

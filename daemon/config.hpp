@@ -131,7 +131,8 @@ struct Config {
 
 /// How long evidence carries a verdict: until the second window after it has closed, at least five seconds. `cycle` is
 /// the time that a round of all pairs really takes, which may be longer than the period.
-[[nodiscard]] std::chrono::nanoseconds evidence_lifetime(const SamplingConfig& sampling, std::chrono::nanoseconds cycle);
+[[nodiscard]] std::chrono::nanoseconds evidence_lifetime(const SamplingConfig& sampling,
+                                                         std::chrono::nanoseconds cycle);
 
 /// Where the service manager put things ($STATE_DIRECTORY, $RUNTIME_DIRECTORY, $CREDENTIALS_DIRECTORY):
 /// defaults for the keys that the file does not give.

@@ -211,8 +211,8 @@ Result<SignedRecord> Ledger::complete(CalibrationRecord& record, std::string_vie
   return signed_record;
 }
 
-/// Bound to the pair and to the chain as it was: a state of another pair, of another chain, or of one that was longer is
-/// worth nothing.
+/// Bound to the pair and to the chain as it was: a state of another pair, of another chain, or of one that was longer
+/// is worth nothing.
 std::string Ledger::authenticated(std::string_view pair, std::uint64_t sequence, std::string_view sha256,
                                   const PairState& state) const {
   std::string text(pair);
@@ -287,7 +287,8 @@ Result<Ledger::Alerts> Ledger::latest_alerts(std::size_t limit) const {
     if (auto alert = parse_alert(one.json))
       read.alerts.push_back(std::move(*alert));
     else
-      read.unreadable.push_back({alert.error().code, "alert " + std::to_string(one.sequence) + ": " + alert.error().context});
+      read.unreadable.push_back(
+          {alert.error().code, "alert " + std::to_string(one.sequence) + ": " + alert.error().context});
   return read;
 }
 

@@ -41,8 +41,9 @@ class Ledger {
   /// Opens `state_dir`/calibd.db and verifies every record in it. Fails when one does not verify: nothing is to be
   /// trusted then, and nothing is overwritten. Fails with `other_vehicle` when the records are of another vehicle than
   /// `provenance`: one chain holds one. `head_dir` is where the chain's head is remembered.
-  [[nodiscard]] static Result<Ledger> open(const std::filesystem::path& state_dir, const std::filesystem::path& head_dir,
-                                           SigningKey key, Provenance provenance);
+  [[nodiscard]] static Result<Ledger> open(const std::filesystem::path& state_dir,
+                                           const std::filesystem::path& head_dir, SigningKey key,
+                                           Provenance provenance);
 
   /// The last record that put an extrinsic in force for the pair (decision initial, accepted or rolled_back).
   [[nodiscard]] const CalibrationRecord* in_force(std::string_view pair) const;
@@ -95,7 +96,8 @@ class Ledger {
   void index(CalibrationRecord record);
   [[nodiscard]] Result<std::string> sha256_of(std::uint64_t sequence) const;
   [[nodiscard]] Result<void> compare_with_head();
-  [[nodiscard]] Result<SignedRecord> complete(CalibrationRecord& record, std::string_view pair, const Moment& now) const;
+  [[nodiscard]] Result<SignedRecord> complete(CalibrationRecord& record, std::string_view pair,
+                                              const Moment& now) const;
   [[nodiscard]] std::string authenticated(std::string_view pair, std::uint64_t sequence, std::string_view sha256,
                                           const PairState& state) const;
   void write_head();

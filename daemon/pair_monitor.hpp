@@ -53,8 +53,8 @@ class PairMonitor {
     Recalibration result;
     std::vector<Timestamp> frames;
   };
-  /// From the eligible pairs, of which every fifth is held back. Fails with `not_ready` when there are too few, and with
-  /// `cancelled` when `keep_going` says no.
+  /// From the eligible pairs, of which every fifth is held back. Fails with `not_ready` when there are too few, and
+  /// with `cancelled` when `keep_going` says no.
   [[nodiscard]] Result<Outcome> recalibrate(const std::function<bool()>& keep_going = {}) const;
 
   /// Puts an extrinsic in force: evidence and kept pairs belong to the old one and are forgotten. `drift` is what is

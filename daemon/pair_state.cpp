@@ -204,7 +204,8 @@ Result<PairState> parse_pair_state(std::string_view text) {
       state.skipped[reason] = integer_from<std::uint64_t>(count);
     if (!in.at("score").is_null()) state.score = score_from(in.at("score"));
     state.last_stamp = Timestamp(integer_from<std::int64_t>(in.at("last_stamp_ns")));
-    if (!in.at("proposed_record").is_null()) state.proposed_record = integer_from<std::uint64_t>(in.at("proposed_record"));
+    if (!in.at("proposed_record").is_null())
+      state.proposed_record = integer_from<std::uint64_t>(in.at("proposed_record"));
     if (!in.at("probation").is_null()) state.probation = probation_from(in.at("probation"));
     state.refusals = integer_from<int>(in.at("refusals"));
     if (state.refusals < 0) return fail("malformed_state", "the saved state has a negative number of refusals");

@@ -32,8 +32,8 @@ class PairWatch {
   static constexpr int windows_to_stale = 2;
 
   /// Takes over what the ledger remembers: the extrinsic that the last record put in force, unless the configuration
-  /// has a new one since; for that an `initial` record is written. Evidence is taken over when it was measured with what
-  /// `evidence_sha256` is the digest of, and set aside otherwise. `config`, `pair` (one of its pairs) and `ledger`
+  /// has a new one since; for that an `initial` record is written. Evidence is taken over when it was measured with
+  /// what `evidence_sha256` is the digest of, and set aside otherwise. `config`, `pair` (one of its pairs) and `ledger`
   /// outlive the watch.
   [[nodiscard]] static Result<std::unique_ptr<PairWatch>> take_over(const Config& config, const PairConfig& pair,
                                                                     std::string evidence_sha256,

@@ -41,6 +41,19 @@ std::optional<Error> contradiction(const CameraInfo& info, const Camera& camera)
   return std::nullopt;
 }
 
+/// What `work` returns. Memory that runs out, and what a library throws, cost the step and no more.
+template <typename Work>
+Result<void> contained(PairWatch& pair, Work work) {
+  try {
+    return work();
+  } catch (const std::bad_alloc&) {
+    pair.count_skipped("out_of_memory");
+    return fail("out_of_memory", "there was no memory for a pair; give calibd more (MemoryMax=), or smaller samples");
+  } catch (const std::exception& exception) {
+    return fail("internal_error", std::string("a pair could not be evaluated: ") + exception.what());
+  }
+}
+
 }  // namespace
 
 Moment now() { return {read_clock(CLOCK_REALTIME), read_clock(CLOCK_BOOTTIME)}; }
@@ -135,39 +148,40 @@ void Service::breathe(steady_clock::time_point until) {
     wake_.wait_until(lock, end, [&] { return stopping_ || !questions_.empty(); });
     questions.swap(questions_);
   }
-  for (Question& question : questions) {
-    // The doctor waits for his turn: he needs the sources of depth for himself.
-    if (auto reply = answer(question))
-      question.answer(std::move(*reply));
-    else
-      doctor_questions_.push_back(std::move(question));
-  }
+  for (Question& question : questions) try {
+      // The doctor waits for his turn: he needs the sources of depth for himself.
+      if (auto reply = answer(question))
+        question.answer(std::move(*reply));
+      else
+        doctor_questions_.push_back(std::move(question));
+    } catch (const std::exception& exception) {
+      question.answer(refusal("failed", exception.what()));
+    }
   if (!questions.empty()) collect_status();
   alive_();
 }
 
 void Service::sample(Watch& watch) {
-  const auto evaluated = evaluate(watch);
+  const auto evaluated = contained(*watch.pair, [&] { return evaluate(watch); });
   if (stopping()) return;  // whatever is missing was not waited for
   if (!evaluated && evaluated.error().code != "not_prepared") watch.pair->skip(evaluated.error());
-  watch.pair->conclude();
+  const auto concluded = contained(*watch.pair, [&]() -> Result<void> {
+    watch.pair->conclude();
+    return {};
+  });
+  if (!concluded) watch.pair->skip(concluded.error());
   collect_status();
   breathe(steady_clock::now());
 }
 
-/// One window. Memory that runs out, and what a library throws, cost the window and no more.
-Result<void> Service::evaluate(Watch& watch) try {
+/// One window.
+Result<void> Service::evaluate(Watch& watch) {
   if (!prepare(watch)) return fail("not_prepared", "");
   const auto pair = collect(watch);
   if (!pair) return tl::unexpected(pair.error());
   auto evaluated = watch.pair->evaluate(*pair);
   if (evaluated) watch.time_difference = pair->time_difference();
   return evaluated;
-} catch (const std::bad_alloc&) {
-  watch.pair->count_skipped("out_of_memory");
-  return fail("out_of_memory", "there was no memory for a pair; give calibd more (MemoryMax=), or smaller samples");
-} catch (const std::exception& exception) {
-  return fail("internal_error", std::string("a pair could not be evaluated: ") + exception.what());
 }
 
 /// Whether the pair's source of depth is good. One that is not stays so, and nothing can be said of the pair.
@@ -258,8 +272,8 @@ Result<void> Service::take_over(const PairConfig& pair) {
       .journal = journal,
       .extrinsic_changed = [this] { publish_extrinsics(); },
       .keep_going = [this] { return keep_going(); }};
-  auto watch = PairWatch::take_over(config_, pair, evidence_sha256(pair, ledger_.provenance()), std::move(depth), ledger_,
-                                    now, listener);
+  auto watch = PairWatch::take_over(config_, pair, evidence_sha256(pair, ledger_.provenance()), std::move(depth),
+                                    ledger_, now, listener);
   if (!watch) return tl::unexpected(watch.error());
   watches_.push_back(std::make_unique<Watch>(
       Watch{.config = &pair, .topics = topics_of(pair), .pair = std::move(*watch), .depth = source}));

@@ -111,8 +111,8 @@ class Service {
   std::uint64_t collections_ = 0;
 };
 
-/// Digest of what a pair's evidence is measured with: `PairConfig::evidence_text`, the depth network's descriptor, which
-/// pins the network, and the software.
+/// Digest of what a pair's evidence is measured with: `PairConfig::evidence_text`, the depth network's descriptor,
+/// which pins the network, and the software.
 [[nodiscard]] std::string evidence_sha256(const PairConfig& pair, const Provenance& provenance);
 
 /// Both clocks of a record, now.

@@ -186,8 +186,12 @@ void Service::see_doctor() {
     doctor_questions_.pop_front();
     const json asked = question.request.value("pair", json());
     json reply{{"ok", true}, {"checks", json::array()}, {"overlays", json::array()}};
-    for (const auto& watch : watches_)
-      if ((asked.is_null() || asked == watch->config->name) && !stopping()) examine(*watch, reply);
+    try {
+      for (const auto& watch : watches_)
+        if ((asked.is_null() || asked == watch->config->name) && !stopping()) examine(*watch, reply);
+    } catch (const std::exception& exception) {
+      reply = refusal("failed", exception.what());
+    }
     question.answer(stopping() ? refusal("failed", "calibd ends") : std::move(reply));
   }
 }

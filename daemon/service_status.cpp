@@ -78,7 +78,8 @@ json Service::records(const json& from) const {
     const auto record = store->record(sequence);
     if (!record && record.error().code != "record_not_found") return refusal("failed", record.error().context);
     bytes += record ? record->canonical.size() + record->signature.size() : 0;
-    reply["records"].push_back({{"canonical", record ? record->canonical : ""}, {"signature", record ? record->signature : ""}});
+    reply["records"].push_back(
+        {{"canonical", record ? record->canonical : ""}, {"signature", record ? record->signature : ""}});
   }
   return reply;
 }

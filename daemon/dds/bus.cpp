@@ -13,11 +13,11 @@ namespace {
 /// which `net.core.rmem_max` limits.
 ///
 /// What a remote writer's samples may hold of our memory until they are read: incomplete, two (four, of a reliable one)
-/// of `max_sample_bytes` each; complete and not yet with their reader, 32 in all, after which the network is not read; at
-/// the reader, as many as its history. Reliable data that came out of order is kept for readers that ask for it, and
-/// none of calibd's does but discovery's: 16 there. A fragment holds the whole receive buffer in which it came, so those
-/// are small. Cyclone has no bound on how many participants and writers there are: what they all hold is bounded by the
-/// unit's MemoryMax.
+/// of `max_sample_bytes` each; complete and not yet with their reader, 32 in all, after which the network is not read;
+/// at the reader, as many as its history. Reliable data that came out of order is kept for readers that ask for it, and
+/// none of calibd's does but discovery's: 16 there. A fragment holds the whole receive buffer in which it came, so
+/// those are small. Cyclone has no bound on how many participants and writers there are: what they all hold is bounded
+/// by the unit's MemoryMax.
 std::string cyclone_configuration(std::string_view interface, std::uint32_t max_sample_bytes) {
   const std::string choice = interface == "auto" ? R"(autodetermine="true")"
                                                  : fmt::format(R"(name="{}" multicast="{}")", interface,
@@ -43,9 +43,7 @@ void hear_cyclone(void* log, const dds_log_data_t* data) {
   static_cast<LogLimit*>(log)->log(syslog_priority(data->priority), {data->message, data->size});
 }
 
-void to_standard_error(int, const std::string& line) {
-  std::fprintf(stderr, "%s\n", escape_control(line).c_str());
-}
+void to_standard_error(int, const std::string& line) { std::fprintf(stderr, "%s\n", escape_control(line).c_str()); }
 
 }  // namespace
 

@@ -21,7 +21,8 @@ class Bus {
   /// Cyclone's configuration is made here and nowhere else: CYCLONEDDS_URI is not read. `interface` is a
   /// network interface's name or address, or `auto`. Fails with `bad_interface` or `dds_failed`; one Bus per
   /// domain and program. Larger samples than `max_sample_bytes` (serialised) never reach a reader. What Cyclone has to
-  /// say of the network goes to `log` (from any thread) or else to standard error, a few lines a minute, the rest counted.
+  /// say of the network goes to `log` (from any thread) or else to standard error, a few lines a minute, the rest
+  /// counted.
   [[nodiscard]] static Result<Bus> open(std::uint32_t domain, std::string_view interface,
                                         std::uint32_t max_sample_bytes = 16 << 20, LogLimit::Write log = {});
 

@@ -142,9 +142,9 @@ Result<void> check_png(Bytes bytes) {
     metadata_bytes += 12 + chunk->body.size();
     compressed_metadata += chunk->kind == "iCCP" || chunk->kind == "zTXt" || chunk->kind == "iTXt";
     if (metadata_bytes > max_png_metadata_bytes || compressed_metadata > max_png_compressed_metadata)
-      return fail("malformed:compressed_metadata",
-                  "the PNG holds more than 1 MiB beside its pixels, or more than " +
-                      std::to_string(max_png_compressed_metadata) + " compressed texts and profiles");
+      return fail("malformed:compressed_metadata", "the PNG holds more than 1 MiB beside its pixels, or more than " +
+                                                       std::to_string(max_png_compressed_metadata) +
+                                                       " compressed texts and profiles");
   }
   return fail("malformed:compressed_data", "the PNG is cut short");
 }

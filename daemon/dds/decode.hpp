@@ -51,8 +51,8 @@ namespace calib {
 // clang-format on
 ///
 /// All of this is checked before anything is decoded, converted or allocated. What is taken holds 4 bytes per pixel, 8
-/// more while a progressive JPEG is decoded. The worst that is taken, a progressive JPEG of noise in 32 scans, takes 0.1 s
-/// at 1242 x 375 and 3 s at 4096 x 3000 (one core of a server); a camera's take a tenth of that.
+/// more while a progressive JPEG is decoded. The worst that is taken, a progressive JPEG of noise in 32 scans, takes
+/// 0.1 s at 1242 x 375 and 3 s at 4096 x 3000 (one core of a server); a camera's take a tenth of that.
 
 /// Whether an image's colour is wanted beside its grey.
 enum class Colour { none, rgb };
@@ -69,8 +69,7 @@ enum class Colour { none, rgb };
 
 /// Depth along the optical axis, as REP 118 has it: 16UC1 in millimetres, where 0 is none, or 32FC1 in metres, where
 /// what is not a positive finite number is none.
-[[nodiscard]] Result<DepthImage> decode_depth(const sensor_msgs_msg_dds__Image_& message,
-                                              const ImageBound& bound = {});
+[[nodiscard]] Result<DepthImage> decode_depth(const sensor_msgs_msg_dds__Image_& message, const ImageBound& bound = {});
 
 /// Disparities (32FC1, pixels) of the left image: depth is f t / disparity. None where that is not positive, outside
 /// min_disparity .. max_disparity (which a producer may leave at 0), or outside the valid window (likewise).

@@ -135,8 +135,8 @@ Result<Image> decode_compressed_image(const sensor_msgs_msg_dds__CompressedImage
   const auto header = probe_compressed(bytes);
   if (!header) return tl::unexpected(header.error());
   if (const auto fits = bound.check(header->size); !fits) return tl::unexpected(fits.error());
-  const std::uint64_t most = std::min(
-      max_compressed_bytes, std::uint64_t{4} * header->size.width * header->size.height + max_data_slack);
+  const std::uint64_t most =
+      std::min(max_compressed_bytes, std::uint64_t{4} * header->size.width * header->size.height + max_data_slack);
   if (bytes.size() > most)
     return fail("malformed:compressed_size", std::to_string(bytes.size()) + " bytes where " + std::to_string(most) +
                                                  " are allowed for an image of its size");

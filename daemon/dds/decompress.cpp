@@ -1,10 +1,10 @@
 #include "dds/decompress.hpp"
 
 // clang-format off: jpeglib.h needs what stdio.h declares
-#include <cstdio>
-#include <jpeglib.h>
 #include <jerror.h>
+#include <jpeglib.h>
 #include <png.h>
+#include <cstdio>
 // clang-format on
 
 #include <algorithm>
@@ -17,8 +17,8 @@ namespace {
 
 using Bytes = std::span<const std::uint8_t>;
 
-/// Both libraries leave by a long jump when they fail. What must survive it, and has no destructor to be jumped over, is
-/// here, not among the locals of who is left.
+/// Both libraries leave by a long jump when they fail. What must survive it, and has no destructor to be jumped over,
+/// is here, not among the locals of who is left.
 struct Jpeg {
   jpeg_error_mgr error;  // first: libjpeg knows this by its address
   jpeg_decompress_struct decompress;

@@ -51,8 +51,8 @@ std::string obstacle_of(const dds_qos_t* qos) {
 }
 
 RemoteWriter described(const dds_builtintopic_endpoint_t& endpoint) {
-  RemoteWriter writer{ros_topic_name(short_text(endpoint.topic_name)),
-                      ros_type_name(short_text(endpoint.type_name)), false, obstacle_of(endpoint.qos)};
+  RemoteWriter writer{ros_topic_name(short_text(endpoint.topic_name)), ros_type_name(short_text(endpoint.type_name)),
+                      false, obstacle_of(endpoint.qos)};
   dds_reliability_kind_t reliability = DDS_RELIABILITY_BEST_EFFORT;
   dds_duration_t blocking = 0;
   writer.reliable =

@@ -30,8 +30,8 @@ Result<void> ImageBound::check(ImageSize seen) const {
   };
   if (rule_ == Rule::exactly && seen != size_) return refuse("and " + key_ + " is " + words(size_));
   if (pixels(seen) > max_pixels())
-    return refuse("more than " + std::to_string(most_times) + " times the pixels of " + words(size_) + " (" +
-                  key_ + ")");
+    return refuse("more than " + std::to_string(most_times) + " times the pixels of " + words(size_) + " (" + key_ +
+                  ")");
   if (rule_ == Rule::scaled) {
     const double stretched =
         static_cast<double>(seen.width) * size_.height / (static_cast<double>(seen.height) * size_.width);

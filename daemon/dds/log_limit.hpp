@@ -10,8 +10,8 @@
 
 namespace calib {
 
-/// Lets a few lines a minute of somebody else's log through and counts the others, so that who can provoke a line cannot
-/// fill a disk. What is counted is told once a minute, and at the end. Thread-safe.
+/// Lets a few lines a minute of somebody else's log through and counts the others, so that who can provoke a line
+/// cannot fill a disk. What is counted is told once a minute, and at the end. Thread-safe.
 class LogLimit {
  public:
   using Clock = std::function<std::chrono::steady_clock::time_point()>;

@@ -28,7 +28,7 @@ SeenImage seen(const sensor_msgs_msg_dds__CompressedImage_& message) {
 /// Takes the next sample, as `As`, or as `Malformed`.
 template <typename As, typename Message, auto decode>
 Result<std::optional<Sample>> SamplingWindow::take_next(dds_entity_t reader, const std::string& topic,
-                                                   const Limits& limits) {
+                                                        const Limits& limits) {
   void* loan = nullptr;
   dds_sample_info_t info;
   const dds_return_t taken = dds_take(reader, &loan, &info, 1, 1);
@@ -60,8 +60,7 @@ Result<void> SamplingWindow::add_image(dds_entity_t participant, const std::stri
   };
   return is_compressed_topic(topic)
              ? add(participant, compressed_image_type, topic,
-                   take_next<As, sensor_msgs_msg_dds__CompressedImage_, compressed>,
-                   {.image = bound})
+                   take_next<As, sensor_msgs_msg_dds__CompressedImage_, compressed>, {.image = bound})
              : add(participant, image_type, topic, take_next<As, sensor_msgs_msg_dds__Image_, raw>, {.image = bound});
 }
 
@@ -94,8 +93,8 @@ Result<void> SamplingWindow::add_all(dds_entity_t participant, const PairTopics&
   Result<void> added;
   if (topics.motion)  // first: a pair needs what was before it
     added = topics.motion->message == MotionMessage::imu
-                ? add(participant, imu_type, topics.motion->name,
-                      take_next<TurnRate, sensor_msgs_msg_dds__Imu_, imu>, {}, motion_history)
+                ? add(participant, imu_type, topics.motion->name, take_next<TurnRate, sensor_msgs_msg_dds__Imu_, imu>,
+                      {}, motion_history)
                 : add(participant, odometry_type, topics.motion->name,
                       take_next<TurnRate, nav_msgs_msg_dds__Odometry_, odometry>, {}, motion_history);
   if (added)
@@ -106,8 +105,7 @@ Result<void> SamplingWindow::add_all(dds_entity_t participant, const PairTopics&
     added = add_image<RightImage, Colour::none>(participant, *topics.right_image, topics.right_bound);
   if (added)
     added = add(participant, cloud_type, topics.cloud,
-                take_next<DecodedCloud, sensor_msgs_msg_dds__PointCloud2_, cloud>,
-                {.max_points = topics.max_points});
+                take_next<DecodedCloud, sensor_msgs_msg_dds__PointCloud2_, cloud>, {.max_points = topics.max_points});
   if (added && topics.camera_info)
     added = add(participant, camera_info_type, *topics.camera_info, take_next<CameraInfo, Info, info>, {});
   if (added && topics.right_camera_info)
@@ -115,8 +113,7 @@ Result<void> SamplingWindow::add_all(dds_entity_t participant, const PairTopics&
   if (added && topics.depth)
     added = topics.depth->message == DepthMessage::image
                 ? add(participant, image_type, topics.depth->name,
-                      take_next<DepthImage, sensor_msgs_msg_dds__Image_, depth>,
-                      {.image = topics.depth_bound})
+                      take_next<DepthImage, sensor_msgs_msg_dds__Image_, depth>, {.image = topics.depth_bound})
                 : add(participant, disparity_image_type, topics.depth->name,
                       take_next<DepthImage, stereo_msgs_msg_dds__DisparityImage_, disparity>,
                       {.image = topics.depth_bound});

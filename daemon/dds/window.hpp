@@ -53,8 +53,8 @@ using Sample =
     std::variant<LeftImage, RightImage, DecodedCloud, CameraInfo, RightCameraInfo, DepthImage, TurnRate, Malformed>;
 
 /// Readers of a pair's topics, for as long as this lives: nothing else of calibd makes a sensor's data
-/// travel. Must not outlive the `Bus` that opened it. Used by one thread at a time, which need not be the one that opened
-/// it nor the one that ends it: `wait` may run on another, as long as the window outlives the call.
+/// travel. Must not outlive the `Bus` that opened it. Used by one thread at a time, which need not be the one that
+/// opened it nor the one that ends it: `wait` may run on another, as long as the window outlives the call.
 class SamplingWindow {
  public:
   /// `interrupt` is a guard condition of `participant`. Fails with `bad_topic` or `dds_failed`.
@@ -63,8 +63,8 @@ class SamplingWindow {
 
   /// Blocks until a sample arrives, the bus is interrupted, or `timeout` is over; returns the newest sample
   /// of each topic that has a new one (so at most one per topic, and the latest 256 of the topic of motion; none after
-  /// a time-out or an interrupt). Decodes them, which takes as long as decode.hpp's bounds let it. Nothing is thrown for
-  /// what a message holds: it ends as `Malformed`.
+  /// a time-out or an interrupt). Decodes them, which takes as long as decode.hpp's bounds let it. Nothing is thrown
+  /// for what a message holds: it ends as `Malformed`.
   [[nodiscard]] Result<std::vector<Sample>> wait(std::chrono::nanoseconds timeout);
 
  private:

@@ -34,8 +34,7 @@ struct Found {
 /// Searches with the axes `wanted`; again without those that turn out not to be observable. A rotation that ends at its
 /// bound is not among them: it may well have gone further, and is for a gate to refuse.
 Result<Found> search_observable(Frames fit, const RigidTransform& T, SearchResult first,
-                                const std::array<bool, 6>& wanted, const RecalibrationSettings& how,
-                                int& evaluations) {
+                                const std::array<bool, 6>& wanted, const RecalibrationSettings& how, int& evaluations) {
   const SearchBounds& bounds = how.bounds;
   Found found{.result = std::move(first), .released = wanted, .uncertainty = {}, .left = {}};
   while (true) {
@@ -91,7 +90,8 @@ Result<Recalibration> recalibrate(Frames fit, Frames held_back, const RigidTrans
   if (fit.size() < 3 || held_back.size() < 2)
     return fail("too_few_pairs", std::to_string(fit.size()) + " pairs to fit and " + std::to_string(held_back.size()) +
                                      " held back; at least 3 and 2 are needed");
-  const SearchSettings rotation{.bounds = settings.bounds, .released = rotation_axes, .keep_going = settings.keep_going};
+  const SearchSettings rotation{
+      .bounds = settings.bounds, .released = rotation_axes, .keep_going = settings.keep_going};
   const SearchSettings everything{.bounds = settings.bounds, .keep_going = settings.keep_going};
   const auto rotated = search(fit, T_camera_lidar, Method::standard, rotation);
   if (!rotated) return tl::unexpected(rotated.error());

@@ -168,7 +168,8 @@ Objection score_is_not_normal(const Candidate& candidate, const NormalScore& nor
 Result<Objection> not_repeatable(const Candidate& candidate, const std::function<bool()>& keep_going,
                                  int& evaluations) {
   // Near enough that no look around is needed, and far enough for another hill.
-  const SearchSettings near{.bounds = {2.4 * radians_per_degree, 0.5}, .released = candidate.released, .keep_going = keep_going};
+  const SearchSettings near{
+      .bounds = {2.4 * radians_per_degree, 0.5}, .released = candidate.released, .keep_going = keep_going};
   const std::vector<int> axes = axes_where(candidate.released);
   // From each of two starts by one half of the frames alone, which together takes no longer than one search: a half
   // differs from the whole by as much as the whole from the truth, and that is more than so few frames make out.

@@ -343,7 +343,8 @@ Result<std::vector<CalibrationRecord>> verified_history(const Store& store, cons
   if (!count) return tl::unexpected(count.error());
   std::vector<CalibrationRecord> records;
   const auto all = visit_verified(
-      *count, [&](std::uint64_t sequence) { return store.record(sequence); }, key, [&](const CalibrationRecord& record, const SignedRecord&) { records.push_back(record); });
+      *count, [&](std::uint64_t sequence) { return store.record(sequence); }, key,
+      [&](const CalibrationRecord& record, const SignedRecord&) { records.push_back(record); });
   if (!all) return tl::unexpected(all.error());
   return records;
 }

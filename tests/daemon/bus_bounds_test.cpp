@@ -34,7 +34,8 @@ const PairTopics topics{"/left/image", {}, "/points", {}};
 TEST_CASE("an image of another size is told with what it says of itself, and is not decoded") {
   bus();
   const auto left = require_ok(make_writer(peer().participant(), image_type, "/left/image", reliable));
-  const auto right = require_ok(make_writer(peer().participant(), compressed_image_type, "/right/compressed", reliable));
+  const auto right =
+      require_ok(make_writer(peer().participant(), compressed_image_type, "/right/compressed", reliable));
   PairTopics bounded = topics;
   bounded.right_image = "/right/compressed";
   bounded.image_bound = ImageBound::exactly({7, 4}, "camera.size");

@@ -115,7 +115,8 @@ TEST_CASE("an interlaced PNG is put together") {
 
 TEST_CASE("what a PNG holds beside its pixels is bounded, and animation is refused") {
   const auto with = [](const std::string& kind, std::size_t bytes, int times) {
-    return refusal(black_png(64, 48, 48, std::vector<std::pair<std::string, Octets>>(times, {kind, Octets(bytes, 'x')})));
+    return refusal(
+        black_png(64, 48, 48, std::vector<std::pair<std::string, Octets>>(times, {kind, Octets(bytes, 'x')})));
   };
   CHECK(with("tEXt", 100, 5).empty());
   CHECK(with("tEXt", 1 << 19, 1).empty());
@@ -154,8 +155,12 @@ TEST_CASE("pixels are those of OpenCV's decoders, grey and in colour") {
   const cv::Mat coloured = scene(65, 33), grey = scene(65, 33, CV_8UC1);
   cv::Mat deep(33, 65, CV_16UC3), transparent = scene(65, 33, CV_8UC4);
   cv::randu(deep, 0, 65536);
-  const std::vector<Octets> files{encoded(".jpg", coloured), encoded(".jpg", grey), encoded(".png", coloured),
-                                  encoded(".png", grey),     encoded(".png", deep), encoded(".png", transparent),
+  const std::vector<Octets> files{encoded(".jpg", coloured),
+                                  encoded(".jpg", grey),
+                                  encoded(".png", coloured),
+                                  encoded(".png", grey),
+                                  encoded(".png", deep),
+                                  encoded(".png", transparent),
                                   encoded(".jpg", coloured, {cv::IMWRITE_JPEG_PROGRESSIVE, 1})};
   for (const Octets& file : files) {
     const cv::Mat expected_grey = cv::imdecode(file, cv::IMREAD_GRAYSCALE), bgr = cv::imdecode(file, cv::IMREAD_COLOR);

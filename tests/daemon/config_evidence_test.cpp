@@ -38,17 +38,17 @@ std::string evidence_with(const std::string& what, const std::string& instead) {
 
 TEST_CASE("evidence depends on what it is measured with, not on layout, and not on what is done with it") {
   const std::string now = parsed(yaml).pairs[0].evidence_text;
-  for (const auto& [what, instead] : std::initializer_list<std::pair<const char*, const char*>>{
-           {"vehicle: car", "vehicle: van"},
-           {"domain: 3", "domain: 4"},
-           {"20ms", "30ms"},
-           {"image: /l", "image: /left"},
-           {"[500, 500", "[501, 500"},
-           {"cloud: /p", "cloud: /points"},
-           {"right_image: /r", "right_image: /right"},
-           {"baseline_m: 0.3", "baseline_m: 0.31"},
-           {"type: imu", "type: imu, max_turn_deg: 2"},
-           {"max_rotation_deg: 5", "max_rotation_deg: 6"}}) {
+  for (const auto& [what, instead] :
+       std::initializer_list<std::pair<const char*, const char*>>{{"vehicle: car", "vehicle: van"},
+                                                                  {"domain: 3", "domain: 4"},
+                                                                  {"20ms", "30ms"},
+                                                                  {"image: /l", "image: /left"},
+                                                                  {"[500, 500", "[501, 500"},
+                                                                  {"cloud: /p", "cloud: /points"},
+                                                                  {"right_image: /r", "right_image: /right"},
+                                                                  {"baseline_m: 0.3", "baseline_m: 0.31"},
+                                                                  {"type: imu", "type: imu, max_turn_deg: 2"},
+                                                                  {"max_rotation_deg: 5", "max_rotation_deg: 6"}}) {
     INFO(what << " becomes " << instead);
     CHECK(evidence_with(what, instead) != now);
   }

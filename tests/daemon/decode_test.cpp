@@ -49,55 +49,53 @@ void check_bounds(const Message& good, const std::vector<Bound<Message>>& bounds
 
 TEST_CASE("every bound of an image is refused by its name, one step outside") {
   check_bounds<ImageMessage>(
-      {}, {{"malformed:stamp", [](auto& m) { m.nanosec = 999'999'999; },
-            [](auto& m) { m.nanosec = 1'000'000'000; }},
-           {"malformed:stamp", [](auto& m) { m.sec = 0; }, [](auto& m) { m.sec = -1; }},
-           {"malformed:encoding", [](auto& m) { m.encoding = "8UC1"; }, [](auto& m) { m.encoding = "8UC2"; }},
-           {"malformed:encoding", [](auto&) {}, [](auto& m) { m.encoding = ""; }},
-           {"malformed:depth_encoding", [](auto&) {}, [](auto& m) { m.encoding = "16UC1"; }},
-           {"malformed:depth_encoding", [](auto&) {}, [](auto& m) { m.encoding = "32FC1"; }},
-           {"malformed:image_size", [](auto& m) { m.width = m.height = m.step = 1; },
-            [](auto& m) { m.width = 0; }},
-           {"malformed:image_size", [](auto&) {}, [](auto& m) { m.height = 0; }},
-           {"malformed:image_size",
-            [](auto& m) {
-              m.width = m.step = 64'000'000, m.height = 1;
-              m.data.resize(64'000'000);
-            },
-            [](auto& m) {
-              m.width = m.step = 64'000'001, m.height = 1;
-              m.data.resize(64'000'001);
-            }},
-           // products that would pass in 32 bits
-           {"malformed:image_size", [](auto&) {}, [](auto& m) { m.width = m.height = 0x10000; }},
-           {"malformed:step", [](auto& m) { m.step = 6; }, [](auto& m) { m.step = 5; }},
-           {"malformed:step",
-            [](auto& m) {
-              m.encoding = "rgb8", m.step = 18;
-              m.data.resize(72);
-            },
-            [](auto& m) {
-              m.encoding = "rgb8", m.step = 17;
-              m.data.resize(72);
-            }},
-           {"malformed:image_data", [](auto& m) { m.data.resize(24); }, [](auto& m) { m.data.resize(23); }},
-           {"malformed:image_data", [](auto&) {}, [](auto& m) { m.step = 0x40000000; }},
-           {"malformed:step",
-            [](auto& m) {
-              m.step = 6 + 4096;
-              m.data.resize(4 * m.step);
-            },
-            [](auto& m) {
-              m.step = 6 + 4097;
-              m.data.resize(4 * m.step);
-            }},
-           {"malformed:image_data", [](auto& m) { m.data.resize(24 + 65536); },
-            [](auto& m) { m.data.resize(24 + 65537); }},
-           {"malformed:image_data", [](auto&) {},
-            [](auto& m) {
-              m.width = m.height = m.step = 1;
-              m.data.resize(200'000'000);
-            }}});
+      {},
+      {{"malformed:stamp", [](auto& m) { m.nanosec = 999'999'999; }, [](auto& m) { m.nanosec = 1'000'000'000; }},
+       {"malformed:stamp", [](auto& m) { m.sec = 0; }, [](auto& m) { m.sec = -1; }},
+       {"malformed:encoding", [](auto& m) { m.encoding = "8UC1"; }, [](auto& m) { m.encoding = "8UC2"; }},
+       {"malformed:encoding", [](auto&) {}, [](auto& m) { m.encoding = ""; }},
+       {"malformed:depth_encoding", [](auto&) {}, [](auto& m) { m.encoding = "16UC1"; }},
+       {"malformed:depth_encoding", [](auto&) {}, [](auto& m) { m.encoding = "32FC1"; }},
+       {"malformed:image_size", [](auto& m) { m.width = m.height = m.step = 1; }, [](auto& m) { m.width = 0; }},
+       {"malformed:image_size", [](auto&) {}, [](auto& m) { m.height = 0; }},
+       {"malformed:image_size",
+        [](auto& m) {
+          m.width = m.step = 64'000'000, m.height = 1;
+          m.data.resize(64'000'000);
+        },
+        [](auto& m) {
+          m.width = m.step = 64'000'001, m.height = 1;
+          m.data.resize(64'000'001);
+        }},
+       // products that would pass in 32 bits
+       {"malformed:image_size", [](auto&) {}, [](auto& m) { m.width = m.height = 0x10000; }},
+       {"malformed:step", [](auto& m) { m.step = 6; }, [](auto& m) { m.step = 5; }},
+       {"malformed:step",
+        [](auto& m) {
+          m.encoding = "rgb8", m.step = 18;
+          m.data.resize(72);
+        },
+        [](auto& m) {
+          m.encoding = "rgb8", m.step = 17;
+          m.data.resize(72);
+        }},
+       {"malformed:image_data", [](auto& m) { m.data.resize(24); }, [](auto& m) { m.data.resize(23); }},
+       {"malformed:image_data", [](auto&) {}, [](auto& m) { m.step = 0x40000000; }},
+       {"malformed:step",
+        [](auto& m) {
+          m.step = 6 + 4096;
+          m.data.resize(4 * m.step);
+        },
+        [](auto& m) {
+          m.step = 6 + 4097;
+          m.data.resize(4 * m.step);
+        }},
+       {"malformed:image_data", [](auto& m) { m.data.resize(24 + 65536); }, [](auto& m) { m.data.resize(24 + 65537); }},
+       {"malformed:image_data", [](auto&) {},
+        [](auto& m) {
+          m.width = m.height = m.step = 1;
+          m.data.resize(200'000'000);
+        }}});
 }
 
 TEST_CASE("every bound of a compressed image is refused by its name") {
@@ -152,8 +150,7 @@ TEST_CASE("every bound of a cloud is refused by its name, one step outside") {
   const auto with = [](CloudField field) { return [=](CloudMessage& m) { m.fields.push_back(field); }; };
   const auto same = [](CloudMessage&) {};
   check_bounds<CloudMessage>(
-      {}, {{"malformed:stamp", [](auto& m) { m.nanosec = 999'999'999; },
-            [](auto& m) { m.nanosec = 1'000'000'000; }},
+      {}, {{"malformed:stamp", [](auto& m) { m.nanosec = 999'999'999; }, [](auto& m) { m.nanosec = 1'000'000'000; }},
            {"malformed:point_step", single_point(4096), single_point(4097)},
            {"malformed:point_step", same, [](auto& m) { m.point_step = 0; }},
            {"malformed:cloud_size", many_points(4'000'000), many_points(4'000'001)},

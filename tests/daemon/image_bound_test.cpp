@@ -46,10 +46,12 @@ TEST_CASE("registered depth may be scaled, as libcalib takes it, and no larger t
   CHECK(refusal(bound, {320, 240}).empty());
   CHECK(refusal(bound, {1280, 960}).empty());
   CHECK(refusal(bound, {322, 240}).empty());
-  CHECK(refusal(bound, {324, 240}) == "the image is 324 x 240, which is no scaled picture of the camera's 640 x 480 "
-                                      "(camera.size); give the depth camera's own intrinsics (depth.camera and "
-                                      "T_camera_depth)");
-  CHECK(refusal(bound, {1284, 963}) == "the image is 1284 x 963, more than 4 times the pixels of 640 x 480 (camera.size)");
+  CHECK(refusal(bound, {324, 240}) ==
+        "the image is 324 x 240, which is no scaled picture of the camera's 640 x 480 "
+        "(camera.size); give the depth camera's own intrinsics (depth.camera and "
+        "T_camera_depth)");
+  CHECK(refusal(bound, {1284, 963}) ==
+        "the image is 1284 x 963, more than 4 times the pixels of 640 x 480 (camera.size)");
 }
 
 TEST_CASE("an image of which little is known has at most four times the pixels") {

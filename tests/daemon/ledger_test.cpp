@@ -263,7 +263,8 @@ TEST_CASE("a state counts only as it was written, for its pair, and with the rec
   }
   const auto [sql, why] = GENERATE(table<const char*, const char*>({
       {"update state set json = replace(json, '\"evaluated\":7', '\"evaluated\":8')", "was not written by calibd"},
-      {"update state set json = (select json from state where pair = 'rear') where pair = 'front'", "is of another pair"},
+      {"update state set json = (select json from state where pair = 'rear') where pair = 'front'",
+       "is of another pair"},
       {"delete from record where sequence = 3", "is of another time than the records"},
       {"update state set json = ''", "was not written by calibd"},
       {"update state set json = '{}'", "was not written by calibd"},
@@ -280,7 +281,8 @@ TEST_CASE("a head that cannot be remembered is told until it can") {
   const Garage garage;
   const auto head_dir = garage.folder.path() / "head";
   const auto open = [&] {
-    return Ledger::open(garage.folder.path(), head_dir, test::require_ok(SigningKey::load(garage.key_file)), provenance);
+    return Ledger::open(garage.folder.path(), head_dir, test::require_ok(SigningKey::load(garage.key_file)),
+                        provenance);
   };
   auto ledger = test::require_ok(open());
   REQUIRE(ledger.head_failure());

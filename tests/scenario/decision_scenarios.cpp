@@ -115,7 +115,8 @@ TEST_CASE("a restart in the middle of a drift forgets no evidence, and claims no
     restarted.drive(1, knocked);
     REQUIRE(evidence(restarted) == evidence(straight));
     // The first two pairs of a run confirm no verdict that all is well.
-    if (window % 4 >= 2 || straight.verdict() != Verdict::calibrated) REQUIRE(restarted.verdict() == straight.verdict());
+    if (window % 4 >= 2 || straight.verdict() != Verdict::calibrated)
+      REQUIRE(restarted.verdict() == straight.verdict());
     if (window >= 4 && window % 4 < 2) REQUIRE(restarted.status().verdict != Verdict::calibrated);
     if (window % 4 == 3) {
       restarted.restart();
@@ -131,10 +132,11 @@ TEST_CASE("a restart in the middle of a drift forgets no evidence, and claims no
 
 TEST_CASE("when the saved state cannot be trusted the signed baseline is gone on from") {
   PairScenario scenario;
-  scenario.restart(GENERATE(as<std::string>(), "UPDATE state SET json = 'spoilt'",
-                            // A baseline that calls a LiDAR that is half a degree off normal.
-                            "UPDATE state SET json = replace(json, '\"slope\":[', '\"slope\":[1')",
-                            "UPDATE state SET json = replace(json, '\"verdict\":\"calibrated\"', '\"verdict\":\"drifted\"')"));
+  scenario.restart(
+      GENERATE(as<std::string>(), "UPDATE state SET json = 'spoilt'",
+               // A baseline that calls a LiDAR that is half a degree off normal.
+               "UPDATE state SET json = replace(json, '\"slope\":[', '\"slope\":[1')",
+               "UPDATE state SET json = replace(json, '\"verdict\":\"calibrated\"', '\"verdict\":\"drifted\"')"));
   REQUIRE(scenario.journal().size() == 1);
   CHECK_THAT(scenario.journal()[0], ContainsSubstring("was not written by calibd with this signing key"));
   CHECK_THAT(scenario.journal()[0], ContainsSubstring("the baseline is that of the records"));

@@ -1,6 +1,6 @@
-// Faults in random order and combination: whoever reads a status, in whatever way, never sees `calibrated` when there is
-// no evidence for it. The watch, its ledger, its store and the status' readers are the real ones; sensors are a number
-// of degrees, and clocks are turned by hand.
+// Faults in random order and combination: whoever reads a status, in whatever way, never sees `calibrated` when there
+// is no evidence for it. The watch, its ledger, its store and the status' readers are the real ones; sensors are a
+// number of degrees, and clocks are turned by hand.
 #include <sqlite3.h>
 #include <sys/resource.h>
 
@@ -62,7 +62,7 @@ PairMonitor::Evidence evidence_at(Timestamp stamp, const Vector6& off, vehicle::
 /// What the world knows, whatever calibd believes.
 struct Truth {
   bool running = false;
-  bool store_works = true;   // as far as this run can write to the file that the next one will read
+  bool store_works = true;  // as far as this run can write to the file that the next one will read
   bool last_write_worked = true;
   std::uint64_t pairs_of_run = 0;
   std::optional<std::chrono::nanoseconds> last_pair;  // of this run, on the clock that nobody turns
@@ -235,8 +235,9 @@ class Vehicle {
     const PairListener silent{.alert = [](const DriftAlert&) {},
                               .journal = [](int, std::string_view, const std::string&) {},
                               .extrinsic_changed = [] {}};
-    auto watch = PairWatch::take_over(config_, config_.pairs[0], sha256_hex(measured_with_), std::make_unique<NoDepth>(),
-                                      *ledger_, [this] { return now_; }, silent);
+    auto watch = PairWatch::take_over(
+        config_, config_.pairs[0], sha256_hex(measured_with_), std::make_unique<NoDepth>(), *ledger_,
+        [this] { return now_; }, silent);
     if (!watch) return;
     watch_ = std::move(*watch);
     truth_.running = true;

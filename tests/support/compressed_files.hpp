@@ -27,8 +27,7 @@ inline Octets jpeg_of_scans(int width, int height, int scans, int frame = 0xC2) 
   }
   const int first_bit = frame == 0xC2 ? 0x01 : 0x00, last = frame == 0xC2 ? 0 : 63;
   put(out, {0xFF, 0xDA, 0, 8, 1, 1, 0x00, 0, last, first_bit, 0, 0, 0, 0});
-  for (int scan = 1; scan < scans; ++scan)
-    put(out, {0xFF, 0xDA, 0, 8, 1, 1, 0x00, 1, 63, 0x10, 0});
+  for (int scan = 1; scan < scans; ++scan) put(out, {0xFF, 0xDA, 0, 8, 1, 1, 0x00, 1, 63, 0x10, 0});
   put(out, {0xFF, 0xD9});
   return out;
 }
@@ -54,9 +53,11 @@ inline Octets deflated(std::size_t zeros) {
 }
 
 /// A black 8-bit grey PNG, with `extra` chunks before its pixels, and pixels for `rows` rows.
-inline Octets black_png(int width, int height, int rows, const std::vector<std::pair<std::string, Octets>>& extra = {}) {
+inline Octets black_png(int width, int height, int rows,
+                        const std::vector<std::pair<std::string, Octets>>& extra = {}) {
   Octets out{0x89, 'P', 'N', 'G', '\r', '\n', 0x1A, '\n'}, header;
-  put(header, {width >> 24, width >> 16, width >> 8, width, height >> 24, height >> 16, height >> 8, height, 8, 0, 0, 0, 0});
+  put(header,
+      {width >> 24, width >> 16, width >> 8, width, height >> 24, height >> 16, height >> 8, height, 8, 0, 0, 0, 0});
   put_chunk(out, "IHDR", header);
   for (const auto& [kind, body] : extra) put_chunk(out, kind, body);
   put_chunk(out, "IDAT", deflated(static_cast<std::size_t>(rows) * (1 + static_cast<std::size_t>(width))));

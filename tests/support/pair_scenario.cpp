@@ -121,15 +121,15 @@ PairScenario::PairScenario(const Settings& settings) {
 PairScenario::~PairScenario() = default;
 
 void PairScenario::open() {
-  ledger_.emplace(require_ok(
-      Ledger::open(folder_.path(), folder_.path(), require_ok(SigningKey::load(folder_.path() / "signing.key")),
-                   provenance)));
+  ledger_.emplace(require_ok(Ledger::open(folder_.path(), folder_.path(),
+                                          require_ok(SigningKey::load(folder_.path() / "signing.key")), provenance)));
   const PairListener listener{
       .alert = [this](const DriftAlert& alert) { alerts_.push_back(alert.verdict); },
       .journal = [this](int, std::string_view, const std::string& text) { journal_.push_back(text); },
       .extrinsic_changed = [] {}};
   watch_ = require_ok(PairWatch::take_over(
-      config_, config_.pairs[0], evidence_sha256_, std::make_unique<StereoCamera>(world_), *ledger_, [this] { return now_; }, listener));
+      config_, config_.pairs[0], evidence_sha256_, std::make_unique<StereoCamera>(world_), *ledger_,
+      [this] { return now_; }, listener));
 }
 
 void PairScenario::save(const std::filesystem::path& folder) {

@@ -68,8 +68,8 @@ class PairScenario {
   /// What a frame of the block shows in this world to a pair that still learns, and a window in which just that comes.
   [[nodiscard]] PairMonitor::Evidence measure(int frame, const World& world);
   void observe(PairMonitor::Evidence evidence);
-  /// calibd ends and starts again. `sql` is done to its store in between; with another digest it measures with something
-  /// else from then on.
+  /// calibd ends and starts again. `sql` is done to its store in between; with another digest it measures with
+  /// something else from then on.
   void restart(const std::string& sql = "", const std::string& evidence_sha256 = "");
   /// Leaves a copy of the store and its key in `folder`.
   void save(const std::filesystem::path& folder);

@@ -32,8 +32,7 @@ Claim changed(Verdict verdict, Change change) {
 }  // namespace
 
 TEST_CASE("a verdict on sound grounds is shown as it is, with its reason") {
-  for (const Verdict verdict :
-       {Verdict::not_evaluated, Verdict::calibrated, Verdict::suspect, Verdict::drifted}) {
+  for (const Verdict verdict : {Verdict::not_evaluated, Verdict::calibrated, Verdict::suspect, Verdict::drifted}) {
     const Claim said = changed(verdict, [](Grounds&) {});
     CHECK(said.verdict == verdict);
     CHECK(said.reason == "a reason");

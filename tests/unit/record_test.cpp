@@ -101,8 +101,9 @@ TEST_CASE("the digest of the evidence makes it schema 2, and is required there")
   CHECK_THAT(text, ContainsSubstring(digest));
   CHECK_THAT(text, ContainsSubstring(R"("schema":2,)"));
   CHECK(require_ok(parse_record(text)).evidence_sha256 == sha256_hex("evidence"));
-  for (const std::string& bad : {replaced(text, R"("schema":2)", R"("schema":1)"), replaced(text, digest, ""),
-                                 replaced(text, sha256_hex("evidence"), ""), replaced(text, R"("schema":2)", R"("schema":3)")})
+  for (const std::string& bad :
+       {replaced(text, R"("schema":2)", R"("schema":1)"), replaced(text, digest, ""),
+        replaced(text, sha256_hex("evidence"), ""), replaced(text, R"("schema":2)", R"("schema":3)")})
     CHECK_FALSE(parse_record(bad));
 }
 

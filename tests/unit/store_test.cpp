@@ -1,7 +1,6 @@
 #include "calib/store.hpp"
 
 #include <signal.h>
-#include <sqlite3.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -10,37 +9,13 @@
 #include <thread>
 
 #include "support/catch.hpp"
-#include "support/records.hpp"
+#include "support/store_fixture.hpp"
 
 using namespace calib;
 using namespace calib::test;
 using Catch::Matchers::ContainsSubstring;
 
 namespace {
-
-struct Fixture {
-  TemporaryFolder folder;
-  std::filesystem::path file = folder.path() / "calibd.db";
-  SigningKey key = SigningKey::generate();
-  std::mt19937 random{1};
-
-  [[nodiscard]] Store open(Store::Mode mode = Store::Mode::read_write) const {
-    return require_ok(Store::open(file, mode));
-  }
-  std::vector<SignedRecord> append_chain(Store& store, std::size_t count) {
-    auto chain = random_chain(random, count, key);
-    for (std::size_t i = 0; i < chain.size(); ++i) require_ok(store.append_record(i + 1, "front", chain[i]));
-    return chain;
-  }
-  /// SQL as somebody with write access to the file would run it.
-  void tamper(const std::string& sql) const {
-    sqlite3* database = nullptr;
-    if (sqlite3_open(file.c_str(), &database) != SQLITE_OK ||
-        sqlite3_exec(database, sql.c_str(), nullptr, nullptr, nullptr) != SQLITE_OK)
-      throw std::runtime_error(sql + ": " + sqlite3_errmsg(database));
-    sqlite3_close(database);
-  }
-};
 
 /// What `work` gives in a process of its own, as its exit status; -1 when it was killed.
 template <typename Work>
@@ -61,7 +36,7 @@ int in_child(Work work) {
 
 }  // namespace
 
-TEST_CASE_METHOD(Fixture, "a new store is empty") {
+TEST_CASE_METHOD(StoreFixture, "a new store is empty") {
   const Store store = open();
   CHECK(require_ok(store.record_count()) == 0);
   CHECK(store.record(1).error().code == "record_not_found");
@@ -72,7 +47,7 @@ TEST_CASE_METHOD(Fixture, "a new store is empty") {
   CHECK(require_ok(verified_history(store, key.public_key())).empty());
 }
 
-TEST_CASE_METHOD(Fixture, "records, state and alerts are there again after a restart, byte for byte") {
+TEST_CASE_METHOD(StoreFixture, "records, state and alerts are there again after a restart, byte for byte") {
   std::vector<SignedRecord> chain;
   const std::string hostile = std::string("zero\0'; DROP TABLE record; --\"\n\xff", 33);
   {
@@ -100,7 +75,7 @@ TEST_CASE_METHOD(Fixture, "records, state and alerts are there again after a res
   CHECK(require_ok(verified_history(store, key.public_key())).size() == 5);
 }
 
-TEST_CASE_METHOD(Fixture, "a record that does not follow the last one is refused") {
+TEST_CASE_METHOD(StoreFixture, "a record that does not follow the last one is refused") {
   Store store = open();
   const auto chain = append_chain(store, 2);
   for (const std::uint64_t sequence : {0, 1, 2, 4})
@@ -108,8 +83,7 @@ TEST_CASE_METHOD(Fixture, "a record that does not follow the last one is refused
   CHECK(require_ok(store.record_count()) == 2);
 }
 
-TEST_CASE_METHOD(Fixture,
-                 "the history fails at the first record that was touched, and shows those before it") {
+TEST_CASE_METHOD(StoreFixture, "the history fails at the first record that was touched, and shows those before it") {
   Store store = open();
   append_chain(store, 5);
   const auto [sql, code] = GENERATE(table<std::string, std::string>(
@@ -127,12 +101,12 @@ TEST_CASE_METHOD(Fixture,
   CHECK_THAT(history.error().context, ContainsSubstring("record 3 "));
   std::size_t shown = 0;
   CHECK_FALSE(visit_verified(
-      require_ok(store.record_count()), [&](std::uint64_t sequence) { return store.record(sequence); }, key.public_key(),
-      [&](const auto& record, const auto&) { CHECK(record.sequence == ++shown); }));
+      require_ok(store.record_count()), [&](std::uint64_t sequence) { return store.record(sequence); },
+      key.public_key(), [&](const auto& record, const auto&) { CHECK(record.sequence == ++shown); }));
   CHECK(shown == 2);
 }
 
-TEST_CASE_METHOD(Fixture, "the history of another key names both keys") {
+TEST_CASE_METHOD(StoreFixture, "the history of another key names both keys") {
   Store store = open();
   append_chain(store, 1);
   const auto history = verified_history(store, SigningKey::generate().public_key());
@@ -141,7 +115,7 @@ TEST_CASE_METHOD(Fixture, "the history of another key names both keys") {
   CHECK_THAT(history.error().context, ContainsSubstring("signed by key " + key.public_key().id_text()));
 }
 
-TEST_CASE_METHOD(Fixture, "the number of an alert is never used again, also when the outbox is empty") {
+TEST_CASE_METHOD(StoreFixture, "the number of an alert is never used again, also when the outbox is empty") {
   {
     Store store = open();
     for (std::uint64_t expected = 1; expected <= 3; ++expected) {
@@ -161,7 +135,7 @@ TEST_CASE_METHOD(Fixture, "the number of an alert is never used again, also when
   CHECK(require_ok(store.enqueue_alert("{}")) == 5);
 }
 
-TEST_CASE_METHOD(Fixture, "waiting alerts come oldest first, no more than asked for") {
+TEST_CASE_METHOD(StoreFixture, "waiting alerts come oldest first, no more than asked for") {
   Store store = open();
   for (int i = 1; i <= 5; ++i) CHECK(store.enqueue_alert(std::to_string(i)));
   const auto alerts = require_ok(store.waiting_alerts(3));
@@ -170,7 +144,7 @@ TEST_CASE_METHOD(Fixture, "waiting alerts come oldest first, no more than asked 
   CHECK(require_ok(store.waiting_alerts(0)).empty());
 }
 
-TEST_CASE_METHOD(Fixture, "a full outbox takes the next alert in the place of the oldest") {
+TEST_CASE_METHOD(StoreFixture, "a full outbox takes the next alert in the place of the oldest") {
   Store store = open();
   require_ok(store.in_transaction([&]() -> Result<void> {
     for (std::uint64_t i = 0; i < Store::max_waiting_alerts; ++i)
@@ -186,7 +160,7 @@ TEST_CASE_METHOD(Fixture, "a full outbox takes the next alert in the place of th
   CHECK(latest[1].sequence == Store::max_waiting_alerts + 1);
 }
 
-TEST_CASE_METHOD(Fixture, "a transaction keeps all of its writes or none") {
+TEST_CASE_METHOD(StoreFixture, "a transaction keeps all of its writes or none") {
   Store store = open();
   const auto chain = random_chain(random, 1, key);
   const auto write_all = [&](Result<void> end) {
@@ -216,7 +190,7 @@ TEST_CASE_METHOD(Fixture, "a transaction keeps all of its writes or none") {
   CHECK(require_ok(store.state("front")) == "after");
 }
 
-TEST_CASE_METHOD(Fixture, "reading works while the writer has a transaction open") {
+TEST_CASE_METHOD(StoreFixture, "reading works while the writer has a transaction open") {
   Store writer = open();
   append_chain(writer, 2);
   const Store reader = open(Store::Mode::read_only);
@@ -229,8 +203,7 @@ TEST_CASE_METHOD(Fixture, "reading works while the writer has a transaction open
   CHECK(require_ok(reader.state("front")) == "new");
 }
 
-TEST_CASE_METHOD(Fixture,
-                 "a reader without write permission reads with the writer alive, closed, and killed") {
+TEST_CASE_METHOD(StoreFixture, "a reader without write permission reads with the writer alive, closed, and killed") {
   const auto count_as_stranger = [&] {
     return in_child([&] {
       // Without any permission to write, to the folder as well; root would have it regardless.
@@ -268,7 +241,7 @@ TEST_CASE_METHOD(Fixture,
   lock(false);
 }
 
-TEST_CASE_METHOD(Fixture, "what had returned is there after kill -9 at any moment") {
+TEST_CASE_METHOD(StoreFixture, "what had returned is there after kill -9 at any moment") {
   std::uniform_int_distribution<int> moment_us(0, 60'000);
   std::uint64_t promised = 0;
   for (int round = 0; round < 25; ++round) {
@@ -317,7 +290,7 @@ TEST_CASE_METHOD(Fixture, "what had returned is there after kill -9 at any momen
   CHECK(promised > 0);
 }
 
-TEST_CASE_METHOD(Fixture, "a file that is no store of ours, or of a newer calibd, is refused") {
+TEST_CASE_METHOD(StoreFixture, "a file that is no store of ours, or of a newer calibd, is refused") {
   CHECK(Store::open(file, Store::Mode::read_only).error().code == "store_not_found");
   CHECK_FALSE(std::filesystem::exists(file));
   CHECK(Store::open(folder.path() / "no_folder" / "x", Store::Mode::read_write).error().code ==
@@ -343,59 +316,7 @@ TEST_CASE_METHOD(Fixture, "a file that is no store of ours, or of a newer calibd
   CHECK(Store::open(file, Store::Mode::read_only).error().code == "store_not_found");
 }
 
-TEST_CASE_METHOD(Fixture, "a store with other tables than its own is refused, and not read: a view may have no end") {
-  { const Store store = open(); }
-  tamper(GENERATE(as<const char*>(),
-                  "DROP TABLE record; CREATE VIEW record AS WITH RECURSIVE n(sequence) AS (SELECT 1 UNION ALL SELECT "
-                  "sequence + 1 FROM n) SELECT sequence, 'front' AS pair, '' AS canonical, '' AS signature FROM n",
-                  "CREATE TRIGGER t AFTER INSERT ON state BEGIN DELETE FROM record; END", "CREATE TABLE more(x)",
-                  "DROP TABLE outbox"));
-  for (const auto mode : {Store::Mode::read_only, Store::Mode::read_write}) {
-    const auto opened = Store::open(file, mode);
-    REQUIRE_FALSE(opened);
-    CHECK(opened.error().code == "store_failed");
-    CHECK_THAT(opened.error().context, ContainsSubstring("other tables"));
-  }
-}
-
-TEST_CASE_METHOD(Fixture, "what is written to a file that is no longer there is not called written") {
-  Store store = open();
-  append_chain(store, 1);
-  const auto write = [&] { return store.in_transaction([&] { return store.save_state("front", "new"); }); };
-  require_ok(write());
-  const char* const ending = GENERATE("", "-wal");
-  SECTION("removed") { std::filesystem::remove(file.string() + ending); }
-  SECTION("another in its place") {
-    std::filesystem::rename(file.string() + ending, folder.path() / "elsewhere");
-    std::filesystem::copy(folder.path() / "elsewhere", file.string() + ending);
-  }
-  const auto lost = write();
-  REQUIRE_FALSE(lost);
-  CHECK(lost.error().code == "store_moved");
-}
-
-TEST_CASE_METHOD(Fixture, "the store is its owner's alone, whoever could read it before, and no FIFO is waited for") {
-  { const Store store = open(); }
-  for (const char* ending : {"", "-wal", "-shm"}) {
-    const std::string one = file.string() + ending;
-    if (std::filesystem::exists(one)) chmod(one.c_str(), 0666);
-  }
-  {
-    Store store = open();
-    append_chain(store, 1);
-    for (const char* ending : {"", "-wal", "-shm"}) {
-      struct stat about {};
-      REQUIRE(stat((file.string() + ending).c_str(), &about) == 0);
-      CHECK((about.st_mode & 0777) == 0600);
-    }
-  }
-  const auto fifo = folder.path() / "fifo";
-  REQUIRE(mkfifo(fifo.c_str(), 0600) == 0);
-  for (const auto mode : {Store::Mode::read_only, Store::Mode::read_write})
-    CHECK(Store::open(fifo, mode).error().code == "store_failed");
-}
-
-TEST_CASE_METHOD(Fixture, "a closed store is one file: another put in its place is read as it is") {
+TEST_CASE_METHOD(StoreFixture, "a closed store is one file: another put in its place is read as it is") {
   {
     Store store = open();
     append_chain(store, 3);
@@ -408,7 +329,7 @@ TEST_CASE_METHOD(Fixture, "a closed store is one file: another put in its place 
   CHECK(require_ok(store.state("front")) == "of the other");
 }
 
-TEST_CASE_METHOD(Fixture, "a write that fails says so and changes nothing") {
+TEST_CASE_METHOD(StoreFixture, "a write that fails says so and changes nothing") {
   Store store = open();
   append_chain(store, 1);
   const Store reader = open(Store::Mode::read_only);

@@ -16,8 +16,7 @@ using VerifiedRecord = Chain::Link;
 /// Of at least one record.
 Result<Chain> read_some(const Places& places) {
   auto chain = read_chain(places);
-  if (chain && chain->stored == 0 && !chain->broken)
-    return fail("record_not_found", "the store holds no records yet");
+  if (chain && chain->stored == 0 && !chain->broken) return fail("record_not_found", "the store holds no records yet");
   return chain;
 }
 

@@ -33,11 +33,11 @@ Result<std::vector<SignedRecord>> from_store(const Places& places) {
 Result<std::vector<SignedRecord>> from_daemon(const Places& places) {
   std::vector<SignedRecord> records;
   for (;;) {
-    const auto reply = ask(places.socket, {{"schema", 1}, {"request", "records"}, {"from", records.size() + 1}}, patience,
-                           [](auto) {});
+    const auto reply = ask(places.socket, {{"schema", 1}, {"request", "records"}, {"from", records.size() + 1}},
+                           patience, [](auto) {});
     if (!reply)
-      return fail(reply.error().code, "only calibd and root may read " + places.store().string() + ", and " +
-                                          reply.error().context);
+      return fail(reply.error().code,
+                  "only calibd and root may read " + places.store().string() + ", and " + reply.error().context);
     try {
       const std::size_t before = records.size();
       for (const json& record : reply->at("records").get_ref<const json::array_t&>())
@@ -74,10 +74,10 @@ Result<Chain> read_chain(const Places& places) {
       return fail("record_not_found", "the store holds no record " + std::to_string(sequence));
     return record;
   };
-  const auto all = visit_verified(chain.stored, record_of, *key,
-                                  [&](const CalibrationRecord& record, const SignedRecord& bytes) {
-                                    chain.verified.push_back({record, bytes});
-                                  });
+  const auto all =
+      visit_verified(chain.stored, record_of, *key, [&](const CalibrationRecord& record, const SignedRecord& bytes) {
+        chain.verified.push_back({record, bytes});
+      });
   const auto last = remembered(places);
   if (!all)
     chain.broken = all.error();

@@ -48,8 +48,8 @@ class ConfigNode {
   /// Written as a number and ms, s, min or h.
   [[nodiscard]] std::chrono::nanoseconds duration(std::chrono::nanoseconds min, std::chrono::nanoseconds max) const;
 
-  /// What stands here, with keys sorted, whatever its comments and layout: what a digest is taken of. Of a value that was
-  /// read, and so is of bounded size.
+  /// What stands here, with keys sorted, whatever its comments and layout: what a digest is taken of. Of a value that
+  /// was read, and so is of bounded size.
   [[nodiscard]] std::string canonical() const;
 
  private:

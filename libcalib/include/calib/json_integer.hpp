@@ -7,8 +7,8 @@
 
 namespace calib {
 
-/// A whole number that `Integer` can hold. Throws std::invalid_argument for anything else: nlohmann's own `get` converts
-/// any number, and 1e300 to an integer is undefined.
+/// A whole number that `Integer` can hold. Throws std::invalid_argument for anything else: nlohmann's own `get`
+/// converts any number, and 1e300 to an integer is undefined.
 template <std::integral Integer>
 [[nodiscard]] Integer integer_from(const nlohmann::json& value) {
   const auto checked = [](auto number) {

@@ -39,8 +39,8 @@ struct SearchSettings {
   std::array<bool, 6> released{true, true, true, true, true, true};
   /// Called with a share of the work done, 0 .. 1, now and then. May be empty.
   std::function<void(double)> progress = {};
-  /// Called before each evaluation, some milliseconds apart; false ends the work, which then fails with `cancelled`. May
-  /// be empty.
+  /// Called before each evaluation, some milliseconds apart; false ends the work, which then fails with `cancelled`.
+  /// May be empty.
   std::function<bool()> keep_going = {};
 };
 

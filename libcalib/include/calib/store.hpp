@@ -80,8 +80,8 @@ class Store {
 /// its predecessor. Fails at the first that does not verify or is missing, naming its sequence; those before it have
 /// been shown.
 [[nodiscard]] Result<void> visit_verified(
-    std::uint64_t count, const std::function<Result<SignedRecord>(std::uint64_t sequence)>& record, const PublicKey& key,
-    const std::function<void(const CalibrationRecord&, const SignedRecord&)>& visit);
+    std::uint64_t count, const std::function<Result<SignedRecord>(std::uint64_t sequence)>& record,
+    const PublicKey& key, const std::function<void(const CalibrationRecord&, const SignedRecord&)>& visit);
 
 /// Those of a store as a list, or the failure alone.
 [[nodiscard]] Result<std::vector<CalibrationRecord>> verified_history(const Store& store,
