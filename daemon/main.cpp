@@ -118,15 +118,17 @@ int serve(calib::Service& service, calib::ControlSocket& control, int signal_fd)
   show();
   sd_notifyf(0, "READY=1\nMAINPID=%d", static_cast<int>(getpid()));
   spdlog::info("calibd {} watches", calib::version);
-  const auto ask = [&](calib::Question question) try {
-    if (question.request["request"] == "status")
-      question.answer({{"ok", true}, {"status", to_json(service.status())}});
-    else if (question.request["request"] == "records")
-      question.answer(service.records(question.request.value("from", nlohmann::json())));
-    else
-      service.ask(std::move(question));
-  } catch (const std::exception& exception) {
-    spdlog::error("a question cannot be answered: {}", calib::escape_control(exception.what()));
+  const auto ask = [&](calib::Question question) {
+    try {
+      if (question.request["request"] == "status")
+        question.answer({{"ok", true}, {"status", to_json(service.status())}});
+      else if (question.request["request"] == "records")
+        question.answer(service.records(question.request.value("from", nlohmann::json())));
+      else
+        service.ask(std::move(question));
+    } catch (const std::exception& exception) {
+      spdlog::error("a question cannot be answered: {}", calib::escape_control(exception.what()));
+    }
   };
   while (!ended && !control.serve(200ms, signal_fd, ask)) show();
   sd_notify(0, "STOPPING=1");
