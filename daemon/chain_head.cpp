@@ -59,8 +59,8 @@ Result<std::optional<ChainHead>> read_chain_head(const std::filesystem::path& fo
     ChainHead head{integer_from<std::uint64_t>(object.at("sequence")), object.at("sha256").get<std::string>(), {}};
     if (const json& missing = object.at("missing"); !missing.is_null()) head.missing = missing.get<std::string>();
     return std::optional(std::move(head));
-  } catch (const std::exception& exception) {
-    return refuse(std::string("cannot be read: ") + exception.what());
+  } catch (const std::exception&) {  // whose words may quote the file
+    return refuse("is not what calibd writes there");
   }
 }
 

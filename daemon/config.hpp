@@ -60,6 +60,9 @@ struct StereoDepthConfig {
 
 struct OnnxDepthConfig {
   std::filesystem::path model;  // its descriptor
+  /// Of the descriptor when calibd started; empty when it could not be read then, or is not asked for. Another one is
+  /// refused.
+  std::string descriptor_sha256 = {};
   OnnxSettings settings;
 };
 

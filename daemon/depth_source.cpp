@@ -6,6 +6,9 @@
 #include <future>
 #include <thread>
 
+#include "calib/config_node.hpp"
+#include "calib/sha256.hpp"
+
 namespace calib {
 namespace {
 
@@ -63,6 +66,11 @@ Result<RightCamera> right_camera(const Camera& left, const std::optional<CameraI
                      RigidTransform(R_rectified_right.transpose()) * baseline * RigidTransform(R_rectified_left)};
 }
 
+std::string sha256_of_file(const std::filesystem::path& descriptor) {
+  const auto text = read_config_text(descriptor);
+  return text ? sha256_hex(*text) : "";
+}
+
 void DepthSource::hear_left(const CameraInfo& info) {
   if (!left_info_ || !same(*left_info_, info)) failure_.reset(), estimator_.reset();
   left_info_ = info;
@@ -86,8 +94,12 @@ std::optional<ImageSize> DepthSource::right_size() const {
 
 Result<std::unique_ptr<DepthEstimator>> DepthSource::make() const {
   const Camera& camera = pair_.camera.camera;
-  if (const auto* onnx = std::get_if<OnnxDepthConfig>(&pair_.depth))
+  if (const auto* onnx = std::get_if<OnnxDepthConfig>(&pair_.depth)) {
+    // Evidence of two networks must not be taken for that of one.
+    if (!onnx->descriptor_sha256.empty() && sha256_of_file(onnx->model) != onnx->descriptor_sha256)
+      return fail("depth_failed", onnx->model.string() + " has changed since calibd started; restart calibd");
     return make_onnx_depth(onnx->model, camera, onnx->settings);
+  }
   if (const auto* topic = std::get_if<TopicDepthConfig>(&pair_.depth)) return make_topic_depth(camera, topic->camera);
   const auto& stereo = std::get<StereoDepthConfig>(pair_.depth);
   const auto right = stereo.right_camera ? *stereo.right_camera : right_camera(camera, left_info_, *right_info_);
@@ -120,10 +132,10 @@ Result<DepthMap> DepthSource::estimate(const FramePair& pair) {
 
 template <typename T>
 Result<T> DepthSource::supervise(const std::function<Result<T>()>& work) {
-  busy_ = true;
   std::packaged_task<Result<T>()> task(work);
   auto result = task.get_future();
   std::thread thread(std::move(task));
+  busy_ = true;
   const auto deadline = steady_clock::now() + pair_.depth_timeout;
   std::optional<steady_clock::time_point> cancelled;
   bool ending = false;

@@ -55,4 +55,7 @@ class DepthSource final : public DepthEstimator {
 [[nodiscard]] Result<RightCamera> right_camera(const Camera& left, const std::optional<CameraInfo>& left_info,
                                                const CameraInfo& right_info);
 
+/// Of a network's descriptor, which pins the network; empty when it cannot be read.
+[[nodiscard]] std::string sha256_of_file(const std::filesystem::path& descriptor);
+
 }  // namespace calib

@@ -88,8 +88,9 @@ Result<Ledger> Ledger::open(const std::filesystem::path& state_dir, const std::f
     if (record.vehicle != ledger.provenance_.vehicle)
       return fail("other_vehicle", "the records in " + state_dir.string() + " are of vehicle '" + record.vehicle +
                                        "', the configuration is of '" + ledger.provenance_.vehicle +
-                                       "'; correct `vehicle`, or move the folder away");
+                                       "'; correct `vehicle`, or move that folder and " + head_dir.string() + " away");
     ledger.last_sequence_ = record.sequence;
+    ledger.written_by_first_version_ = record.evidence_sha256.empty();
     ledger.index(std::move(record));
   }
   if (ledger.last_sequence_ > 0) {
@@ -120,7 +121,7 @@ Result<void> Ledger::compare_with_head() {
                 ", which calibd had written, are missing";
     else if (head_.sequence > 0 && *sha256 != head_.sha256)
       missing = "record " + std::to_string(head_.sequence) + " is another than the one that calibd had written";
-  } else if (last_sequence_ > 0) {
+  } else if (last_sequence_ > 0 && !written_by_first_version_) {
     missing = "whether records are missing cannot be told: " + head_dir_.string() + " does not say how many there were";
   }
   if (!missing.empty()) head_.missing = missing;
@@ -259,6 +260,7 @@ Result<std::optional<PairState>> Ledger::state(std::string_view pair) const {
   const auto refuse = [](const char* why) { return fail("malformed_state", std::string("the saved state ") + why); };
   const std::string_view text = **stored;
   const auto end = text.find('\n');
+  if (text.starts_with('{')) return refuse("is of an earlier version of calibd");
   if (end == std::string_view::npos || !key_.is_mac(state_purpose, text.substr(end + 1), text.substr(0, end)))
     return refuse("was not written by calibd with this signing key");
   // From here on it is what this program wrote.

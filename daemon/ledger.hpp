@@ -111,6 +111,7 @@ class Ledger {
   ChainHead head_;  // as remembered
   std::optional<Error> head_failure_;
   std::optional<std::string> records_missing_;
+  bool written_by_first_version_ = false;  // the last record: its calibd remembered no head
   std::map<std::string, std::uint64_t, std::less<>> last_of_pair_;
   std::map<std::string, std::vector<CalibrationRecord>, std::less<>> extrinsics_;  // those that came into force
   std::map<std::string, CalibrationRecord, std::less<>> initial_;

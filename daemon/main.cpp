@@ -68,7 +68,10 @@ Result<int> block_signals() {
 }
 
 Result<void> make_directories(const calib::Config& config) {
-  for (const auto& directory : {config.state_dir, config.head_dir, config.runtime_dir}) {
+  // Where the chain's head cannot be remembered, that is told as `store_failed`, until it can.
+  std::error_code ignored;
+  std::filesystem::create_directories(config.head_dir, ignored);
+  for (const auto& directory : {config.state_dir, config.runtime_dir}) {
     std::error_code error;
     std::filesystem::create_directories(directory, error);
     if (error || access(directory.c_str(), W_OK) != 0)
@@ -106,19 +109,24 @@ int serve(calib::Service& service, calib::ControlSocket& control, int signal_fd)
   using namespace std::chrono_literals;
   std::atomic<bool> ended = false;
   Result<void> result;
+  std::atomic<std::chrono::steady_clock::duration> shown = std::chrono::steady_clock::now().time_since_epoch();
   std::thread worker([&] {
     pthread_setname_np(pthread_self(), "pairs");
-    // The watchdog is fed by steps of the pipeline and by nothing else.
-    result = service.run([] { sd_notify(0, "WATCHDOG=1"); });
+    // The watchdog is fed by steps of the pipeline and by nothing else; and no more when nothing is shown any more.
+    result = service.run([&] {
+      if (std::chrono::steady_clock::now().time_since_epoch() - shown.load() < 30s) sd_notify(0, "WATCHDOG=1");
+    });
     ended = true;
   });
   const auto show = [&] {
     if (const auto verdicts = service.show()) sd_notifyf(0, "STATUS=%s", calib::escape_control(*verdicts).c_str());
+    shown = std::chrono::steady_clock::now().time_since_epoch();
   };
   show();
   sd_notifyf(0, "READY=1\nMAINPID=%d", static_cast<int>(getpid()));
   spdlog::info("calibd {} watches", calib::version);
   const auto ask = [&](calib::Question question) {
+    const auto answer = question.answer;
     try {
       if (question.request["request"] == "status")
         question.answer({{"ok", true}, {"status", to_json(service.status())}});
@@ -127,7 +135,7 @@ int serve(calib::Service& service, calib::ControlSocket& control, int signal_fd)
       else
         service.ask(std::move(question));
     } catch (const std::exception& exception) {
-      spdlog::error("a question cannot be answered: {}", calib::escape_control(exception.what()));
+      answer(calib::refusal("failed", exception.what()));
     }
   };
   while (!ended && !control.serve(200ms, signal_fd, ask)) show();

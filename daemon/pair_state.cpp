@@ -170,6 +170,7 @@ std::string to_text(const PairState& state) {
   return json{{"schema", 3},
               {"drift", drift_json(state.drift)},
               {"evidence_sha256", state.evidence_sha256},
+              {"unresolved", optional(state.unresolved, [](const std::string& why) { return json(why); })},
               {"verdict", to_string(state.verdict)},
               {"reason", state.reason},
               {"since_ns", state.since.count()},
@@ -193,6 +194,7 @@ Result<PairState> parse_pair_state(std::string_view text) {
     PairState state;
     state.drift = drift_from(in.at("drift"));
     state.evidence_sha256 = in.at("evidence_sha256").get<std::string>();
+    if (!in.at("unresolved").is_null()) state.unresolved = in.at("unresolved").get<std::string>();
     const auto verdict = parse_verdict(in.at("verdict").get<std::string>());
     if (!verdict) return fail("malformed_state", "the saved state cannot be read: " + verdict.error().context);
     state.verdict = *verdict;

@@ -31,6 +31,9 @@ struct PairState {
   std::string evidence_sha256;
   Verdict verdict = Verdict::not_evaluated;
   std::string reason = "no pair was evaluated yet";
+  /// Why the extrinsic in force must not be called calibrated whatever is learned at it; nothing when it may. Ends when an
+  /// extrinsic is put in force.
+  std::optional<std::string> unresolved;
   WallTime since{};
   std::optional<WallTime> last_evaluated;
   std::uint64_t evaluated = 0;

@@ -31,17 +31,6 @@ const CalibrationRecord* known_baseline(const PairConfig& pair, const Ledger& le
   return known->sequence > in_force->sequence || in_force->decision == Decision::rolled_back ? known : nullptr;
 }
 
-/// What the records alone tell of a pair's evidence.
-void recover(PairState& state, const PairConfig& pair, const Ledger& ledger, const std::string& evidence_sha256) {
-  state.drift = {};
-  state.score.reset();
-  state.probation.reset();
-  if (const CalibrationRecord* known = known_baseline(pair, ledger, evidence_sha256))
-    state.drift = learned_state(*known->baseline);
-  else if (ledger.in_force(pair.name)->decision == Decision::accepted)
-    state.probation.emplace();
-}
-
 Verdict shown(DriftVerdict verdict) {
   switch (verdict) {
     case DriftVerdict::learning:
@@ -55,6 +44,28 @@ Verdict shown(DriftVerdict verdict) {
       return Verdict::drifted;
   }
   return Verdict::not_evaluated;
+}
+
+/// Whether the extrinsic in force has stood its probation: its baseline is signed at the end of that.
+bool has_stood_probation(const PairConfig& pair, const Ledger& ledger) {
+  const CalibrationRecord* in_force = ledger.in_force(pair.name);
+  const CalibrationRecord* baseline = ledger.baseline(pair.name);
+  return in_force->decision != Decision::accepted || (baseline != nullptr && baseline->sequence > in_force->sequence);
+}
+
+/// Evidence, as the records alone tell it, in the place of that of `state`, whose other contents stay.
+void set_evidence_aside(PairState& state, const PairConfig& pair, const Ledger& ledger,
+                        const std::string& evidence_sha256) {
+  // What is learned anew at an extrinsic that was wrong would be what is normal there.
+  if (shown(state.drift.verdict) == Verdict::drifted)
+    state.unresolved = "it was drifted before its evidence was set aside";
+  state.evidence_sha256 = evidence_sha256;
+  state.drift = {};
+  state.score.reset();
+  state.proposed_record.reset();
+  if (state.probation) state.probation.emplace();
+  if (const CalibrationRecord* known = known_baseline(pair, ledger, evidence_sha256))
+    state.drift = learned_state(*known->baseline);
 }
 
 /// What a message was refused for was counted message by message.
@@ -110,18 +121,18 @@ Result<std::unique_ptr<PairWatch>> PairWatch::take_over(const Config& config, co
         initial != nullptr ? ledger.in_force(pair.name)->T_camera_lidar : pair.T_camera_lidar;
     const auto written = ledger.write(pair.name, state, {.record = std::move(record), .alert = {}}, clock());
     if (!written) return tl::unexpected(written.error());
-  } else if (saved && *saved && (*saved)->evidence_sha256 == evidence_sha256) {
+  } else if (!saved && saved.error().code != "malformed_state") {
+    return tl::unexpected(saved.error());  // it may well be there
+  } else if (saved && *saved) {
     state = **saved;
-  } else {
-    if (saved && *saved) {
+    if (state.evidence_sha256 != evidence_sha256) {
       set_aside = "it was gathered with another configuration, depth model or calibd";
-      state = **saved;
-      state.evidence_sha256 = evidence_sha256;
-      state.proposed_record.reset();
-    } else {
-      set_aside = saved ? "the store holds none" : saved.error().context;
+      set_evidence_aside(state, pair, ledger, evidence_sha256);
     }
-    recover(state, pair, ledger, evidence_sha256);
+  } else {
+    set_aside = saved ? "the store holds none" : saved.error().context;
+    set_evidence_aside(state, pair, ledger, evidence_sha256);
+    if (!has_stood_probation(pair, ledger)) state.probation.emplace();
   }
   PairMonitor monitor(monitor_settings(config, pair), pair.camera.camera, std::move(depth),
                       ledger.in_force(pair.name)->T_camera_lidar, state.drift);
@@ -142,7 +153,10 @@ void PairWatch::begin(const std::string& set_aside) {
   const Claim now_said = claim({state_.verdict, state_.reason}, std::nullopt, boot_time());
   if (after.verdict == now_said.verdict && set_aside.empty()) return;
   after.verdict = now_said.verdict;
-  after.reason = set_aside.empty() ? now_said.reason : "starting: earlier evidence is set aside: " + set_aside;
+  after.reason = now_said.reason;
+  if (!set_aside.empty())
+    after.reason = "starting: earlier evidence is set aside: " + set_aside + "; it was " +
+                   std::string(to_string(state_.verdict)) + " when last evaluated";
   write(std::move(after), std::nullopt);
 }
 
@@ -156,9 +170,6 @@ Result<void> PairWatch::evaluate(const FramePair& pair) {
 }
 
 void PairWatch::observe(PairMonitor::Evidence evidence, const Moment& taken) {
-  windows_without_evidence_ = 0;
-  ++pairs_;
-  taken_ = {ledger_.provenance().boot_id, taken.since_boot};
   state_.last_evaluated = clock_().wall;
   ++state_.evaluated;
   const Stencil stencil = evidence.stencil;
@@ -168,6 +179,10 @@ void PairWatch::observe(PairMonitor::Evidence evidence, const Moment& taken) {
                                    baseline.pairs > 0 ? std::optional(baseline.score) : std::nullopt};
   if (state_.probation)
     state_.probation->add(stencil.current - monitor_.score_of_latest(ledger_.in_force(name())->T_camera_lidar_before));
+  // Last: what was thrown before leaves no evidence.
+  windows_without_evidence_ = 0;
+  ++pairs_;
+  taken_ = {ledger_.provenance().boot_id, taken.since_boot};
 }
 
 void PairWatch::skip(const Error& error, int windows) {
@@ -201,12 +216,12 @@ std::optional<std::string> PairWatch::not_written() const {
 std::optional<Grounds> PairWatch::grounds(std::optional<std::string> not_written) const {
   if (pairs_ == 0 && !not_written) return std::nullopt;
   // The shorter one: a lone delay does not make evidence last longer.
-  const auto cycle = std::min(cycles_[0], cycles_[1]);
+  constexpr std::chrono::nanoseconds longest_cycle = std::chrono::minutes(2);
+  const auto cycle = std::min({cycles_[0], cycles_[1], longest_cycle});
   return Grounds{.pairs = pairs_,
                  .taken = taken_,
                  .lifetime = evidence_lifetime(config_.sampling, cycle),
                  .evidence_sha256 = evidence_sha256_,
-                 .baseline_sha256 = state_.evidence_sha256,
                  .not_written = std::move(not_written)};
 }
 
@@ -229,7 +244,16 @@ PairState PairWatch::concluded() const {
       after.reason +=
           "; the extrinsic of record " + std::to_string(ledger_.in_force(name())->sequence) + " is on probation";
   }
-  Claim said = claim({after.verdict, std::move(after.reason)}, grounds(std::nullopt), boot_time());
+  if (after.unresolved && after.verdict == Verdict::calibrated) {
+    after.verdict = Verdict::not_evaluated;
+    after.reason = "unresolved: " + *after.unresolved + ", and what was learned since may be of an extrinsic that is " +
+                   "wrong; recalibrate, or confirm it with `calibctl rollback " + name() + " --to " +
+                   std::to_string(ledger_.in_force(name())->sequence) + "`";
+  }
+  // The state itself is about to be written.
+  const auto& head = ledger_.head_failure();
+  const auto not_remembered = head ? std::optional(head->context) : std::nullopt;
+  Claim said = claim({after.verdict, std::move(after.reason)}, grounds(not_remembered), boot_time());
   after.verdict = said.verdict;
   after.reason = std::move(said.reason);
   return after;
@@ -266,8 +290,9 @@ DriftAlert PairWatch::alert(const PairState& after) const {
   return alert;
 }
 
-/// Makes `after` the pair's state, durably, with the record and the alert that go with it; or changes nothing.
-bool PairWatch::write(PairState after, std::optional<CalibrationRecord> record) {
+/// Makes `after` the pair's state, durably, with the record and the alert that go with it; or changes nothing. `adopt`
+/// is called once that is done, before anybody is told.
+bool PairWatch::write(PairState after, std::optional<CalibrationRecord> record, const std::function<void()>& adopt) {
   if (record) record->evidence_sha256 = evidence_sha256_;
   Ledger::Entry entry{.record = std::move(record), .alert = {}};
   const Verdict before = state_.verdict;
@@ -288,6 +313,7 @@ bool PairWatch::write(PairState after, std::optional<CalibrationRecord> record) 
   if (std::exchange(store_failure_, std::nullopt))
     listener_.journal(5, message_ids::store_failed, name() + ": the store can be written again");
   state_ = std::move(after);
+  if (adopt) adopt();
   if (!written->alert) return true;
   listener_.alert(*written->alert);
   const bool cleared = state_.verdict == Verdict::calibrated || state_.verdict == Verdict::not_evaluated;

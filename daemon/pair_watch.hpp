@@ -85,12 +85,13 @@ class PairWatch {
   [[nodiscard]] std::optional<Grounds> grounds(std::optional<std::string> not_written) const;
   [[nodiscard]] PairState concluded() const;
   [[nodiscard]] DriftAlert alert(const PairState& after) const;
-  bool write(PairState after, std::optional<CalibrationRecord> record);
+  bool write(PairState after, std::optional<CalibrationRecord> record, const std::function<void()>& adopt = {});
   [[nodiscard]] std::optional<CalibrationRecord> baseline_due() const;
 
   // pair_watch_decisions.cpp
   [[nodiscard]] bool may_recalibrate() const;
   void refuse(PairState& after) const;
+  [[nodiscard]] Result<PairMonitor::Outcome> try_to_recalibrate() const;
   [[nodiscard]] nlohmann::json put_in_force(CalibrationRecord record, PairState after);
   [[nodiscard]] std::string patience() const;
   [[nodiscard]] bool stands_probation();

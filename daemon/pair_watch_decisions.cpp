@@ -68,8 +68,15 @@ void PairWatch::refuse(PairState& after) const {
       after.evaluated + (std::uint64_t{monitor_.wanted_pairs()} << std::min(after.refusals, most_doublings));
 }
 
+/// Memory that runs out, and what a library throws, cost the recalibration and no more.
+Result<PairMonitor::Outcome> PairWatch::try_to_recalibrate() const try {
+  return monitor_.recalibrate(listener_.keep_going);
+} catch (const std::exception& exception) {
+  return fail("recalibration_failed", std::string("the recalibration was broken off: ") + exception.what());
+}
+
 json PairWatch::recalibrate(const std::string& asked_by, bool dry_run) {
-  const auto outcome = monitor_.recalibrate(listener_.keep_going);
+  const auto outcome = try_to_recalibrate();
   if (!outcome) return refusal(outcome.error().code == "not_ready" ? "not_ready" : "failed", outcome.error().context);
   const Recalibration& result = outcome->result;
   json reply{{"ok", true}, {"reason", result.reason}, {"record", nullptr}, {"result", in_json(result)}};
@@ -127,13 +134,16 @@ json PairWatch::put_in_force(CalibrationRecord record, PairState after) {
   after.reason = "no pair was evaluated yet at the extrinsic of record " + number(ledger_.next_sequence());
   after.score.reset();
   after.proposed_record.reset();
+  after.unresolved.reset();
   after.probation = accepted ? std::optional<Probation>(std::in_place) : std::nullopt;
   const std::uint64_t sequence = ledger_.next_sequence();
   const DriftState drift = after.drift;
-  if (!write(std::move(after), std::move(record)))
+  const auto adopt = [&] {
+    monitor_.adopt(ledger_.in_force(name())->T_camera_lidar, drift);
+    pairs_ = 0;
+  };
+  if (!write(std::move(after), std::move(record), adopt))
     return refusal("failed", "the record could not be written; see the journal");
-  monitor_.adopt(ledger_.in_force(name())->T_camera_lidar, drift);
-  pairs_ = 0;
   listener_.journal(5, accepted ? message_ids::recalibration_accepted : message_ids::rolled_back,
                     name() + ": " + (accepted ? "new extrinsic" : "earlier extrinsic") + " in force by record " +
                         number(sequence) + ": " + reason);

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <new>
 
-#include "calib/config_node.hpp"
 #include "journal.hpp"
 #include "message_ids.hpp"
 #include "pair_topics.hpp"
@@ -41,7 +40,8 @@ std::optional<Error> contradiction(const CameraInfo& info, const Camera& camera)
   return std::nullopt;
 }
 
-/// What `work` returns. Memory that runs out, and what a library throws, cost the step and no more.
+/// What `work` returns, which decides nothing: memory that runs out, and what a library throws over samples, cost the
+/// window and no more. What is thrown in a decision ends the process: the next start goes on from what was written.
 template <typename Work>
 Result<void> contained(PairWatch& pair, Work work) {
   try {
@@ -60,20 +60,17 @@ Moment now() { return {read_clock(CLOCK_REALTIME), read_clock(CLOCK_BOOTTIME)}; 
 
 std::string evidence_sha256(const PairConfig& pair, const Provenance& provenance) {
   std::string measured_with = pair.evidence_text + "software:" + provenance.software_sha256 + '\n';
-  if (const auto* onnx = std::get_if<OnnxDepthConfig>(&pair.depth)) {
-    const auto descriptor = read_config_text(onnx->model);
-    // One that cannot be read gives no evidence either.
-    measured_with += "model:" + (descriptor ? sha256_hex(*descriptor) : "") + '\n';
-  }
+  if (const auto* onnx = std::get_if<OnnxDepthConfig>(&pair.depth))
+    measured_with += "model:" + onnx->descriptor_sha256 + '\n';
   return sha256_hex(measured_with);
 }
 
 Result<std::unique_ptr<Service>> Service::make(Config config, Ledger ledger, Bus bus) {
   std::unique_ptr<Service> service(new Service(std::move(config), std::move(ledger), std::move(bus)));
+  for (PairConfig& pair : service->config_.pairs)
+    if (auto* onnx = std::get_if<OnnxDepthConfig>(&pair.depth)) onnx->descriptor_sha256 = sha256_of_file(onnx->model);
   if (const auto& missing = service->ledger_.records_missing())
     journal(3, message_ids::records_missing, *missing + "; calibd goes on with the records that there are");
-  for (const PairConfig& pair : service->config_.pairs)
-    if (auto taken = service->take_over(pair); !taken) return tl::unexpected(taken.error());
   // Alerts that were written but perhaps not sent, and extrinsics that late readers must see.
   const auto latest = service->ledger_.latest_alerts(32);
   if (!latest) return tl::unexpected(latest.error());
@@ -81,6 +78,8 @@ Result<std::unique_ptr<Service>> Service::make(Config config, Ledger ledger, Bus
     journal(4, message_ids::store_failed, unreadable.context + "; it is left where it is, and not sent");
   for (const DriftAlert& alert : latest->alerts)
     if (auto sent = service->bus_.publish_alert(alert); !sent) return tl::unexpected(sent.error());
+  for (const PairConfig& pair : service->config_.pairs)
+    if (auto taken = service->take_over(pair); !taken) return tl::unexpected(taken.error());
   service->publish_extrinsics();
   service->collect_status();
   return service;
@@ -148,15 +147,13 @@ void Service::breathe(steady_clock::time_point until) {
     wake_.wait_until(lock, end, [&] { return stopping_ || !questions_.empty(); });
     questions.swap(questions_);
   }
-  for (Question& question : questions) try {
-      // The doctor waits for his turn: he needs the sources of depth for himself.
-      if (auto reply = answer(question))
-        question.answer(std::move(*reply));
-      else
-        doctor_questions_.push_back(std::move(question));
-    } catch (const std::exception& exception) {
-      question.answer(refusal("failed", exception.what()));
-    }
+  for (Question& question : questions) {
+    // The doctor waits for his turn: he needs the sources of depth for himself.
+    if (auto reply = answer(question))
+      question.answer(std::move(*reply));
+    else
+      doctor_questions_.push_back(std::move(question));
+  }
   if (!questions.empty()) collect_status();
   alive_();
 }
@@ -165,11 +162,7 @@ void Service::sample(Watch& watch) {
   const auto evaluated = contained(*watch.pair, [&] { return evaluate(watch); });
   if (stopping()) return;  // whatever is missing was not waited for
   if (!evaluated && evaluated.error().code != "not_prepared") watch.pair->skip(evaluated.error());
-  const auto concluded = contained(*watch.pair, [&]() -> Result<void> {
-    watch.pair->conclude();
-    return {};
-  });
-  if (!concluded) watch.pair->skip(concluded.error());
+  watch.pair->conclude();
   collect_status();
   breathe(steady_clock::now());
 }
@@ -268,6 +261,7 @@ Result<void> Service::take_over(const PairConfig& pair) {
             if (auto sent = bus_.publish_alert(alert); !sent)
               journal(4, message_ids::bus_failed,
                       name + ": " + sent.error().context + "; the alert is kept and sent at the next start");
+            collect_status();  // a recalibration may follow, and take its time
           },
       .journal = journal,
       .extrinsic_changed = [this] { publish_extrinsics(); },

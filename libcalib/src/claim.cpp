@@ -16,12 +16,10 @@ std::string seconds(std::chrono::nanoseconds duration) {
 /// Why the grounds carry no verdict of this kind; nothing when they do.
 std::optional<std::string> objection(Verdict verdict, const Grounds& grounds, const BootTime& now) {
   if (grounds.not_written) return "store_failed: " + *grounds.not_written;
-  if (grounds.evidence_sha256 != grounds.baseline_sha256)
-    return "configuration_changed: the baseline was learned with another configuration, depth model or calibd";
   if (grounds.taken.boot_id != now.boot_id) return "stale: the last evidence is from before the machine was started";
   const auto age = now.since_boot - grounds.taken.since_boot;
   if (age < age.zero() || age > grounds.lifetime)
-    return "stale: the last evidence is " + seconds(age) + " old, and counts for " + seconds(grounds.lifetime);
+    return "stale: the last evidence is older than the " + seconds(grounds.lifetime) + " that it counts for";
   const std::uint64_t needed = verdict == Verdict::calibrated ? least_pairs_to_confirm : 1;
   if (grounds.pairs < needed)
     return "starting: " + std::to_string(grounds.pairs) + " of " + std::to_string(needed) +

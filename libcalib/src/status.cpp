@@ -31,7 +31,6 @@ json grounds_json(const Grounds& grounds) {
           {"since_boot_s", seconds(grounds.taken.since_boot)},
           {"lifetime_s", seconds(grounds.lifetime)},
           {"evidence_sha256", grounds.evidence_sha256},
-          {"baseline_sha256", grounds.baseline_sha256},
           {"not_written", or_null(grounds.not_written)}};
 }
 
@@ -142,7 +141,6 @@ Grounds grounds_from(const json& object) {
           {object.at("boot_id").get<std::string>(), duration_from(object.at("since_boot_s"))},
           duration_from(object.at("lifetime_s")),
           object.at("evidence_sha256").get<std::string>(),
-          object.at("baseline_sha256").get<std::string>(),
           optional_from<std::string>(object.at("not_written"))};
 }
 

@@ -133,7 +133,7 @@ def test_who_may_ask_but_not_read_the_store_sees_the_records_by_the_daemon(bin_d
                 assert verified.exit == DONE and verified.out.startswith("4 records verified"), verified
                 assert other("history", **member).out == other("history").out != ""
                 status = json.loads(other("status", "--json", **member).out)
-                assert status["pairs"][0]["record"]["verified_by"] == "calibctl"
+                assert status["pairs"][0]["record"]["verified_by"] == "calibd"
             finally:
                 running.terminate()
         denied = other("verify", **member)

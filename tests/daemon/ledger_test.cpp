@@ -30,6 +30,7 @@ CalibrationRecord decided(Decision decision, double x_m) {
   record.decision = decision;
   record.asked_by = "calibd";
   record.reason = "a test";
+  record.evidence_sha256 = std::string(64, 'e');
   record.T_camera_lidar.translation().x() = x_m;
   return record;
 }
@@ -249,6 +250,23 @@ TEST_CASE("records that are missing are noticed at the next start, and told by t
   CHECK_FALSE(test::require_ok(garage.open()).records_missing());
 }
 
+TEST_CASE("records of the first version of calibd, which remembered no head, are taken over without a word") {
+  const Garage garage;
+  CalibrationRecord record = decided(Decision::initial, 1);
+  record.evidence_sha256.clear();
+  REQUIRE(test::require_ok(garage.open()).write("front", {}, {record, {}}, moment));
+  std::filesystem::remove(garage.folder.path() / "chain-head.json");
+  CHECK_FALSE(test::require_ok(garage.open()).records_missing());
+}
+
+TEST_CASE("a head that is not what calibd writes there is told in words of calibd's own") {
+  const Garage garage;
+  REQUIRE(test::require_ok(garage.open()).write("front", {}, {decided(Decision::initial, 1), {}}, moment));
+  std::ofstream(garage.folder.path() / "chain-head.json") << GENERATE("\xff\xfe", "", "[", "{}", "{\"mac\":1}");
+  const auto ledger = test::require_ok(garage.open());
+  CHECK_THAT(ledger.records_missing().value(), Catch::Matchers::EndsWith("is not what calibd writes there"));
+}
+
 TEST_CASE("a state counts only as it was written, for its pair, and with the records of its time") {
   const Garage garage;
   const auto file = garage.folder.path() / "calibd.db";
@@ -267,7 +285,7 @@ TEST_CASE("a state counts only as it was written, for its pair, and with the rec
        "is of another pair"},
       {"delete from record where sequence = 3", "is of another time than the records"},
       {"update state set json = ''", "was not written by calibd"},
-      {"update state set json = '{}'", "was not written by calibd"},
+      {"update state set json = '{\"schema\":2}'", "is of an earlier version of calibd"},
   }));
   execute(file, sql);
   const auto read = test::require_ok(garage.open()).state("front");

@@ -28,6 +28,7 @@ PairState full_state() {
   state.drift = monitor.state();
   state.verdict = Verdict::suspect;
   state.reason = "the LiDAR seems to have moved: \"yaw\"\n\xc3\xa4";
+  state.unresolved = "it was drifted";
   state.since = WallTime(1'700'000'000'123'456'789);
   state.last_evaluated = WallTime(1'700'000'001'000'000'001);
   state.evaluated = 18'000'000'000'000'000'000U;

@@ -167,6 +167,39 @@ TEST_CASE("evidence that was measured with something else is set aside, and neve
   CHECK(scenario.status().verdict == Verdict::not_evaluated);
 }
 
+TEST_CASE("a drift is not forgotten with its evidence, until an extrinsic is put in force") {
+  PairScenario scenario({.mode = RecalibrationMode::propose});
+  const World knocked{.motion = moved(0, 0.2, 0)};
+  REQUIRE(scenario.drive_until(Verdict::drifted, 60, knocked) <= 60);
+  scenario.restart("", std::string(64, 'f'));
+  CHECK_THAT(scenario.reason(), EndsWith("; it was drifted when last evaluated"));
+  // At 0.2 degrees off, what is learned anew looks normal.
+  for (int window = 0; window < 60; ++window) {
+    scenario.drive(1, knocked);
+    REQUIRE(scenario.status().verdict != Verdict::calibrated);
+  }
+  CHECK_THAT(scenario.reason(), StartsWith("unresolved: it was drifted before its evidence was set aside"));
+  scenario.restart();
+  scenario.drive(10, knocked);
+  REQUIRE(scenario.status().verdict != Verdict::calibrated);
+  // Somebody has looked, and confirms what is in force.
+  REQUIRE(scenario.watch().roll_back(1U, "uid:7").at("answer") == "rolled_back");
+  CHECK(scenario.drive_until(Verdict::calibrated, 60, knocked) <= 60);
+}
+
+TEST_CASE("an extrinsic that has stood its probation is not put on probation again by a change of configuration") {
+  PairScenario scenario;
+  const World knocked{.motion = moved(0, 0, 1)};
+  scenario.drive(80, knocked);
+  REQUIRE(scenario.records(Decision::accepted) == 1);
+  REQUIRE_FALSE(scenario.watch().state().probation);
+  scenario.restart(GENERATE("", "UPDATE state SET json = 'spoilt'"), std::string(64, 'f'));
+  CHECK_FALSE(scenario.watch().state().probation);
+  scenario.drive(40, knocked);
+  CHECK(scenario.records(Decision::rolled_back) == 0);
+  CHECK(scenario.verdict() == Verdict::calibrated);
+}
+
 TEST_CASE("a record that was cut off is noticed, and evidence of later than the records is set aside") {
   PairScenario scenario;
   scenario.restart("DELETE FROM record WHERE sequence = (SELECT max(sequence) FROM record)");

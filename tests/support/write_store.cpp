@@ -96,7 +96,6 @@ Grounds fresh_grounds() {
           .taken = {boot_id, std::chrono::seconds(time.tv_sec) + std::chrono::nanoseconds(time.tv_nsec)},
           .lifetime = std::chrono::hours(1),
           .evidence_sha256 = sha256_hex("evidence"),
-          .baseline_sha256 = sha256_hex("evidence"),
           .not_written = std::nullopt};
 }
 

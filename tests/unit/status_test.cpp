@@ -32,7 +32,6 @@ PairStatus random_pair(std::mt19937& random) {
                            .taken = {random_text(random), std::chrono::milliseconds(random())},
                            .lifetime = std::chrono::milliseconds(random() % 100'000),
                            .evidence_sha256 = random_text(random),
-                           .baseline_sha256 = random_text(random),
                            .not_written = maybe() ? std::optional(random_text(random)) : std::nullopt};
   pair.since = random_time(random);
   if (maybe()) pair.last_evaluated = random_time(random);

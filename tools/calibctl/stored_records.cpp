@@ -61,9 +61,13 @@ std::optional<std::uint64_t> remembered(const Places& places) {
 
 }  // namespace
 
+bool only_daemon_may_read(const Places& places) {
+  return ::access(places.store().c_str(), R_OK) != 0 && errno == EACCES;
+}
+
 Result<Chain> read_chain(const Places& places) {
-  const bool denied = ::access(places.store().c_str(), R_OK) != 0 && errno == EACCES;
-  const auto stored = denied ? from_daemon(places) : from_store(places);
+  const auto last = remembered(places);  // first: the chain may grow while it is read
+  const auto stored = only_daemon_may_read(places) ? from_daemon(places) : from_store(places);
   if (!stored) return tl::unexpected(stored.error());
   const auto key = load_public_key(places.public_key);
   if (!key) return tl::unexpected(key.error());
@@ -78,7 +82,6 @@ Result<Chain> read_chain(const Places& places) {
       visit_verified(chain.stored, record_of, *key, [&](const CalibrationRecord& record, const SignedRecord& bytes) {
         chain.verified.push_back({record, bytes});
       });
-  const auto last = remembered(places);
   if (!all)
     chain.broken = all.error();
   else if (last && *last > chain.stored)

@@ -20,6 +20,9 @@ struct Chain {
   std::optional<Error> broken;
 };
 
+/// Whether this user may not read the store itself.
+[[nodiscard]] bool only_daemon_may_read(const Places& places);
+
 /// Reads the store; where only calibd may do that, asks it. Nothing that comes is believed before it is verified. The
 /// chain is broken, too, when it ends before the record that calibd remembers, beside the store, as the last one.
 [[nodiscard]] Result<Chain> read_chain(const Places& places);

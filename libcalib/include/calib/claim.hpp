@@ -30,8 +30,8 @@ struct Grounds {
   /// When the last of them was received, and how long it carries a verdict.
   BootTime taken;
   std::chrono::nanoseconds lifetime{};
-  /// Digests of what the evidence was measured with, and of what the baseline that it is judged by was.
-  std::string evidence_sha256, baseline_sha256;
+  /// Digest of what the evidence was measured with, and its baseline too: evidence of another one is set aside.
+  std::string evidence_sha256;
   /// Why the verdict is not written down durably; nothing when it is.
   std::optional<std::string> not_written;
 };
@@ -47,10 +47,10 @@ struct Claim {
 };
 
 /// The one place that decides what is shown: `calibrated` needs evidence that the present process has gathered or
-/// confirmed, that was measured with what its baseline was measured with, that is no older than its lifetime, and that
-/// is written down. `suspect` and `drifted` need the same, but the confirmation. Anything else is `not_evaluated`,
-/// whose reason begins with `starting`, `configuration_changed`, `store_failed` or `stale` and ends with what was said
-/// before. Programs that read a status apply it again, by their own clock: what it has made of a verdict stays so.
+/// confirmed, that is no older than its lifetime, and that is written down. `suspect` and `drifted` need the same, but
+/// the confirmation. Anything else is `not_evaluated`, whose reason begins with `starting`, `store_failed` or `stale`
+/// and ends with what was said before. Programs that read a status apply it again, by their own clock: what it has made
+/// of a verdict stays so.
 [[nodiscard]] Claim claim(const Claim& by_evidence, const std::optional<Grounds>& grounds, const BootTime& now);
 
 }  // namespace calib
