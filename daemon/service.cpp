@@ -253,7 +253,10 @@ std::optional<Error> Service::receive(Watch& watch, Sample sample, PairBuffer& b
 }
 
 Result<void> Service::take_over(const PairConfig& pair) {
-  auto depth = std::make_unique<DepthSource>(pair, [this] { return keep_going(); });
+  auto depth = std::make_unique<DepthSource>(pair, [this] {
+    breathe(steady_clock::now());
+    return !stopping();
+  });
   DepthSource* const source = depth.get();
   const PairListener listener{
       .alert =
