@@ -154,9 +154,11 @@ void PairWatch::begin(const std::string& set_aside) {
   if (after.verdict == now_said.verdict && set_aside.empty()) return;
   after.verdict = now_said.verdict;
   after.reason = now_said.reason;
-  if (!set_aside.empty())
-    after.reason = "starting: earlier evidence is set aside: " + set_aside + "; it was " +
-                   std::string(to_string(state_.verdict)) + " when last evaluated";
+  if (!set_aside.empty()) {
+    after.reason = "starting: earlier evidence is set aside: " + set_aside;
+    if (state_.verdict != after.verdict)
+      after.reason += "; it was " + std::string(to_string(state_.verdict)) + " when last evaluated";
+  }
   write(std::move(after), std::nullopt);
 }
 
