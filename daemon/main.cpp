@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <array>
 #include <atomic>
 #include <chrono>
 #include <csignal>
@@ -33,14 +34,13 @@ constexpr int exit_failed = 1;
 constexpr int exit_config = 78;  // EX_CONFIG: starting again does not help
 
 /// The first and the second folder that the service manager gave; it separates them by colons.
-std::pair<std::optional<std::filesystem::path>, std::optional<std::filesystem::path>> folders_from_environment(
-    const char* name) {
+std::array<std::optional<std::filesystem::path>, 2> folders_from_environment(const char* name) {
   const char* value = std::getenv(name);
-  std::pair<std::optional<std::filesystem::path>, std::optional<std::filesystem::path>> folders;
+  std::array<std::optional<std::filesystem::path>, 2> folders;
   std::istringstream list(value != nullptr ? value : "");
   std::string folder;
-  if (std::getline(list, folder, ':') && !folder.empty()) folders.first = folder;
-  if (std::getline(list, folder, ':') && !folder.empty()) folders.second = folder;
+  for (auto& one : folders)
+    if (std::getline(list, folder, ':') && !folder.empty()) one = folder;
   return folders;
 }
 
@@ -173,8 +173,8 @@ int main(int argc, char** argv) {
   spdlog::set_pattern(std::getenv("JOURNAL_STREAM") != nullptr ? "%v" : "%Y-%m-%dT%H:%M:%S.%e %^%l%$ %v");
 
   const auto state = folders_from_environment("STATE_DIRECTORY");
-  const calib::Places places{state.first, folders_from_environment("RUNTIME_DIRECTORY").first,
-                             folders_from_environment("CREDENTIALS_DIRECTORY").first, state.second};
+  const calib::Places places{state[0], folders_from_environment("RUNTIME_DIRECTORY")[0],
+                             folders_from_environment("CREDENTIALS_DIRECTORY")[0], state[1]};
   auto config = calib::load_config(config_file, places);
   if (!config) {
     std::fprintf(stderr, "%s\n", calib::escape_control(config.error().context).c_str());

@@ -77,6 +77,7 @@ Result<PairMonitor::Outcome> PairWatch::try_to_recalibrate() const try {
 
 json PairWatch::recalibrate(const std::string& asked_by, bool dry_run) {
   const auto outcome = try_to_recalibrate();
+  if (!outcome && outcome.error().code == "recalibration_failed") count_skipped(outcome.error().code);
   if (!outcome) return refusal(outcome.error().code == "not_ready" ? "not_ready" : "failed", outcome.error().context);
   const Recalibration& result = outcome->result;
   json reply{{"ok", true}, {"reason", result.reason}, {"record", nullptr}, {"result", in_json(result)}};
