@@ -45,20 +45,29 @@ const std::filesystem::path& school() {
 
 const Block& Block::instance() {
   static const Block block = [] {
+    if (!recording.empty()) {
+      Block made{require_ok(vehicle::recorded_vehicle(require_ok(open_kitti_raw(recording)))), {}, {}};
+      made.see();
+      return made;
+    }
     vehicle::Simulation simulation;
     simulation.seed = 71;
     simulation.width = 480;
     simulation.height = 144;
     simulation.lidar = {.azimuth_step_deg = 0.3, .field_of_view_deg = 110};
     Block made{require_ok(vehicle::simulated_vehicle(simulation)), {}, {}};
-    const auto stereo = require_ok(make_stereo_depth(made.vehicle.camera, made.vehicle.baseline_m));
-    for (int i = 0; i < frames; ++i) {
-      made.seen.push_back(require_ok(made.vehicle.frame(i, 4.0 * i, RigidTransform::Identity())));
-      made.depth.push_back(require_ok(stereo->estimate(made.seen.back())));
-    }
+    made.see();
     return made;
   }();
   return block;
+}
+
+void Block::see() {
+  const auto stereo = require_ok(make_stereo_depth(vehicle.camera, vehicle.baseline_m));
+  for (int i = 0; i < frames; ++i) {
+    seen.push_back(require_ok(vehicle.frame(i, 4.0 * i, RigidTransform::Identity())));
+    depth.push_back(require_ok(stereo->estimate(seen.back())));
+  }
 }
 
 Vector6 moved(double roll_deg, double pitch_deg, double yaw_deg, double x_cm, double y_cm, double z_cm) {
@@ -152,6 +161,16 @@ void PairScenario::restart(const std::string& sql, const std::string& evidence_s
     if (done != SQLITE_OK) throw std::runtime_error("SQLite refuses: " + sql);
   }
   open();
+}
+
+std::string PairScenario::accept(const std::string& asked_by) {
+  const auto reply = watch_->accept(asked_by);
+  return reply.value("answer", reply.value("message", ""));
+}
+
+std::string PairScenario::roll_back(std::optional<std::uint64_t> to_record, const std::string& asked_by) {
+  const auto reply = watch_->roll_back(to_record ? nlohmann::json(*to_record) : nlohmann::json(), asked_by);
+  return reply.value("answer", reply.value("message", ""));
 }
 
 void PairScenario::drive(int windows, const Course& course) {

@@ -17,12 +17,17 @@ namespace calib::test {
 /// once for all scenarios of a program, which drive around it again and again.
 struct Block {
   static constexpr int frames = 48;
+  /// A KITTI raw drive to be used instead of the simulated one; to be set before anything else.
+  static inline std::filesystem::path recording;
 
   vehicle::Vehicle vehicle;
   std::vector<FramePair> seen;
   std::vector<DepthMap> depth;
 
   [[nodiscard]] static const Block& instance();
+
+ private:
+  void see();
 };
 
 /// What befalls the vehicle while it drives.
@@ -71,6 +76,9 @@ class PairScenario {
   /// calibd ends and starts again. `sql` is done to its store in between; with another digest it measures with
   /// something else from then on.
   void restart(const std::string& sql = "", const std::string& evidence_sha256 = "");
+  /// What the control socket answers: "accepted", or why not.
+  std::string accept(const std::string& asked_by);
+  std::string roll_back(std::optional<std::uint64_t> to_record, const std::string& asked_by);
   /// Leaves a copy of the store and its key in `folder`.
   void save(const std::filesystem::path& folder);
 
