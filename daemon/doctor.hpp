@@ -14,6 +14,7 @@
 #include "calib/extrinsic_check.hpp"
 #include "dds/decode.hpp"
 #include "dds/discovery.hpp"
+#include "depth/kind.hpp"
 
 namespace calib {
 
@@ -44,9 +45,8 @@ struct DepthTrial {
 /// All that can be seen of a pair from its samples; `diagnose` makes sense of it.
 struct PairSeen {
   Camera camera;
+  DepthKind depth_kind;
   std::string pair{};
-  std::string depth_source{};  // stereo, onnx or topic
-  bool depth_is_metric = false;
   std::uint32_t domain = 0;
   std::string interface {};
   std::chrono::nanoseconds listened{};

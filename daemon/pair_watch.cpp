@@ -12,7 +12,7 @@ PairMonitorSettings monitor_settings(const Config& config, const PairConfig& pai
   settings.bounds = {pair.recalibration.max_rotation_rad, pair.recalibration.max_translation_m};
   settings.quality.depth_range = pair.depth_range;
   if (pair.motion) settings.quality.max_turn_rad = pair.motion->max_turn_rad;
-  settings.depth_is_guessed = std::holds_alternative<OnnxDepthConfig>(pair.depth);
+  settings.depth_is_guessed = depth_kind(pair.depth).is_monocular;
   settings.drift = usual_drift_settings(settings.depth_is_guessed);
   settings.drift.baseline_pairs = pair.drift.baseline_pairs;
   settings.drift.max_baseline_pairs = std::max(settings.drift.max_baseline_pairs, pair.drift.baseline_pairs);

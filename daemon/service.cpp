@@ -59,16 +59,12 @@ Result<void> contained(PairWatch& pair, Work work) {
 Moment now() { return {read_clock(CLOCK_REALTIME), read_clock(CLOCK_BOOTTIME)}; }
 
 std::string evidence_sha256(const PairConfig& pair, const Provenance& provenance) {
-  std::string measured_with = pair.evidence_text + "software:" + provenance.software_sha256 + '\n';
-  if (const auto* onnx = std::get_if<OnnxDepthConfig>(&pair.depth))
-    measured_with += "model:" + onnx->descriptor_sha256 + '\n';
-  return sha256_hex(measured_with);
+  return sha256_hex(pair.evidence_text + "software:" + provenance.software_sha256 + '\n' + pinned_text(pair.depth));
 }
 
 Result<std::unique_ptr<Service>> Service::make(Config config, Ledger ledger, Bus bus) {
   std::unique_ptr<Service> service(new Service(std::move(config), std::move(ledger), std::move(bus)));
-  for (PairConfig& pair : service->config_.pairs)
-    if (auto* onnx = std::get_if<OnnxDepthConfig>(&pair.depth)) onnx->descriptor_sha256 = sha256_of_file(onnx->model);
+  for (PairConfig& pair : service->config_.pairs) pin_files(pair.depth);
   if (const auto& missing = service->ledger_.records_missing())
     journal(3, message_ids::records_missing, *missing + "; calibd goes on with the records that there are");
   // Alerts that were written but perhaps not sent, and extrinsics that late readers must see.
@@ -193,7 +189,7 @@ bool Service::prepare(Watch& watch) {
 /// Reads until a pair is complete or the window closes. Readers live no longer than this call.
 Result<FramePair> Service::collect(Watch& watch) {
   const auto end = steady_clock::now() + config_.sampling.window;
-  if (const auto right = watch.depth->right_size())
+  if (const auto right = watch.depth->right_image_size())
     watch.topics.right_bound = ImageBound::exactly(*right, "the CameraInfo of depth.right_info");
   auto window = bus_.open_window(watch.topics);
   if (!window) return tl::unexpected(window.error());
@@ -206,7 +202,7 @@ Result<FramePair> Service::collect(Watch& watch) {
     if (!samples) return tl::unexpected(samples.error());
     for (Sample& sample : *samples)
       if (auto error = receive(watch, std::move(sample), buffer)) refused = std::move(error);
-    while (auto pair = watch.depth->knows_cameras() ? buffer.take() : std::nullopt) {
+    while (auto pair = watch.depth->has_cameras() ? buffer.take() : std::nullopt) {
       if (pair->image.stamp == watch.pair->state().last_stamp) {
         refused = Error{"duplicate_frame", "the image has the stamp of the last one; does the camera stand still?"};
         continue;
@@ -241,10 +237,10 @@ std::optional<Error> Service::receive(Watch& watch, Sample sample, PairBuffer& b
     watch.motion.last = arrived;
     buffer.add_turn_rate(*rate);
   } else if (const auto* info = std::get_if<CameraInfo>(&sample)) {
-    watch.depth->hear_left(*info);
+    watch.depth->set_left_camera_info(*info);
     return contradiction(*info, watch.config->camera.camera);
   } else if (const auto* right_info = std::get_if<RightCameraInfo>(&sample)) {
-    watch.depth->hear_right(right_info->info);
+    watch.depth->set_right_camera_info(right_info->info);
   } else if (const auto* malformed = std::get_if<Malformed>(&sample)) {
     watch.pair->count_skipped(malformed->error.code);
     return Error{malformed->error.code, malformed->topic + ": " + malformed->error.context};

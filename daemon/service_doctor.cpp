@@ -199,20 +199,15 @@ void Service::see_doctor() {
 /// One pair, from what is on the network to what it means. Changes nothing of the watch.
 void Service::examine(Watch& watch, json& reply) {
   const PairConfig& config = *watch.config;
-  PairSeen seen{.camera = config.camera.camera};
+  PairSeen seen{.camera = config.camera.camera, .depth_kind = depth_kind(config.depth)};
   seen.pair = config.name;
-  seen.depth_source = std::holds_alternative<StereoDepthConfig>(config.depth) ? "stereo"
-                      : std::holds_alternative<OnnxDepthConfig>(config.depth) ? "onnx"
-                                                                              : "topic";
-  seen.depth_is_metric = seen.depth_source != "onnx";
   seen.domain = config_.dds.domain;
   seen.interface = config_.dds.interface;
   seen.min_valid_depth = QualityLimits{}.min_valid_depth;
   const auto listened = listen(watch, seen);
   if (!listened) seen.time_difference = tl::unexpected(listened.error());
-  // A network is refused with or without images; other sources are made of what comes.
-  if (const auto ready = watch.depth->prepare(); !ready && seen.depth_source == "onnx")
-    seen.depth = fail("depth_model_refused", ready.error().context);
+  if (const auto ready = watch.depth->prepare(); !ready && seen.depth_kind.preparation_failure)
+    seen.depth = fail(std::string(seen.depth_kind.preparation_failure->code), ready.error().context);
   std::optional<DepthMap> depth;
   if (listened && *listened) depth = try_depth(watch, **listened, seen);
   auto findings = diagnose(seen);
@@ -255,8 +250,8 @@ Result<std::optional<FramePair>> Service::listen(Watch& watch, PairSeen& seen) {
     seen.writers = std::move(*writers);
     if (ear.heard_enough(seen.listened)) break;
   }
-  if (watch.config->camera.info && seen.camera_info) watch.depth->hear_left(*seen.camera_info);
-  if (ear.right_camera_info) watch.depth->hear_right(*ear.right_camera_info);
+  if (watch.config->camera.info && seen.camera_info) watch.depth->set_left_camera_info(*seen.camera_info);
+  if (ear.right_camera_info) watch.depth->set_right_camera_info(*ear.right_camera_info);
   return ear.finish();
 }
 

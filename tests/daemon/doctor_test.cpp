@@ -4,6 +4,7 @@
 #include <functional>
 #include <nlohmann/json.hpp>
 
+#include "depth/depth_config.hpp"
 #include "support/catch.hpp"
 #include "support/support.hpp"
 
@@ -24,10 +25,9 @@ TopicSeen topic(const std::string& check, const std::string& key, const std::str
 
 /// A stereo pair with which all is well.
 PairSeen healthy() {
-  PairSeen seen{.camera = require_ok(Camera::make(CameraModel::rectified, 640, 192, {370, 370, 320, 90}))};
+  PairSeen seen{.camera = require_ok(Camera::make(CameraModel::rectified, 640, 192, {370, 370, 320, 90})),
+                .depth_kind = StereoDepthConfig::kind};
   seen.pair = "front";
-  seen.depth_source = "stereo";
-  seen.depth_is_metric = true;
   seen.interface = "lo";
   seen.listened = 2s;
   seen.topics = {topic("image", "camera.image", "/left/image", image_type_name),
@@ -238,7 +238,7 @@ TEST_CASE("a cloud in another unit is named by its ranges, or by metric depth") 
   CHECK(holds(finding(seen, "agreement").cause, "feet"));
   seen.extrinsic->agreement->scale = 1.6;
   CHECK(finding(seen, "agreement").code == "depth_scale");
-  seen.depth_is_metric = false;
+  seen.depth_kind = OnnxDepthConfig::kind;
   CHECK(finding(seen, "agreement").result == FindingResult::ok);
   seen.cloud = CloudCensus{60000, 1000, 59000, 0, 0};
   CHECK(problems(seen) == Names{"cloud_range/empty_cloud"});
@@ -275,8 +275,7 @@ TEST_CASE("an extrinsic that reads better otherwise is named with what it should
 
 TEST_CASE("depth that is inverted, unrelated, weak, of another lens or failed is told apart") {
   PairSeen seen = healthy();
-  seen.depth_source = "onnx";
-  seen.depth_is_metric = false;
+  seen.depth_kind = OnnxDepthConfig::kind;
   const auto with = [&](double correlation) {
     seen.extrinsic->agreement->rank_correlation = correlation;
     return finding(seen, "agreement");
