@@ -4,7 +4,6 @@
 #include <cstdint>
 #include <initializer_list>
 #include <map>
-#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <set>
 #include <string>
@@ -93,7 +92,5 @@ void diagnose_samples(const PairSeen& seen, std::vector<Finding>& findings);
 void diagnose_geometry(const PairSeen& seen, std::vector<Finding>& findings);
 /// Whether a check of one of these names has found a problem.
 [[nodiscard]] bool has_problem(const std::vector<Finding>& findings, std::initializer_list<std::string_view> checks);
-
-[[nodiscard]] nlohmann::json to_json(const Finding& finding, const std::string& pair);
 
 }  // namespace calib

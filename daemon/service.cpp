@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <new>
 
+#include "control_codec.hpp"
 #include "journal.hpp"
 #include "message_ids.hpp"
 #include "pair_topics.hpp"
@@ -89,12 +90,12 @@ Result<void> Service::run(const std::function<void()>& alive) {
       if (!stopping()) sample(*watch);
       if (const auto& failure = watch->pair->store_failure(); failure && failure->code == "store_moved")
         return tl::unexpected(*failure);
-      see_doctor();
+      run_diagnostics();
     }
     next = std::max(next + config_.sampling.period, steady_clock::now());
     while (steady_clock::now() < next && !stopping()) {
       breathe(next);
-      see_doctor();
+      run_diagnostics();
     }
   }
   return {};
@@ -144,11 +145,11 @@ void Service::breathe(steady_clock::time_point until) {
     questions.swap(questions_);
   }
   for (Question& question : questions) {
-    // The doctor waits for his turn: he needs the sources of depth for himself.
+    // A diagnosis waits until no sample is evaluated: it uses the same depth sources.
     if (auto reply = answer(question))
       question.answer(std::move(*reply));
     else
-      doctor_questions_.push_back(std::move(question));
+      diagnosis_questions_.push_back(std::move(question));
   }
   if (!questions.empty()) collect_status();
   alive_();
@@ -283,7 +284,7 @@ std::optional<json> Service::answer(const Question& question) {
     constexpr std::size_t most_waiting = 16;
     if (found == watches_.end() && !request.value("pair", json()).is_null())
       return refusal("not_found", "there is no pair '" + escape_control(name) + "'");
-    if (doctor_questions_.size() >= most_waiting) return refusal("failed", "too many wait for the doctor; ask later");
+    if (diagnosis_questions_.size() >= most_waiting) return refusal("failed", "too many diagnoses wait; ask later");
     return std::nullopt;
   }
   if (what != "recalibrate" && what != "accept" && what != "rollback")
@@ -296,6 +297,42 @@ std::optional<json> Service::answer(const Question& question) {
   if (what == "accept") return pair.accept(asked_by);
   if (what == "rollback") return pair.roll_back(request.value("to", json()), asked_by);
   return pair.recalibrate(asked_by, request.value("dry_run", json(false)) == true);
+}
+
+void Service::run_diagnostics() {
+  while (!diagnosis_questions_.empty() && !stopping()) {
+    const Question question = std::move(diagnosis_questions_.front());
+    diagnosis_questions_.pop_front();
+    json reply;
+    try {
+      reply = to_json(diagnose_pairs(question.request.value("pair", json())));
+    } catch (const std::exception& exception) {
+      reply = refusal("failed", exception.what());
+    }
+    question.answer(stopping() ? refusal("failed", "calibd ends") : std::move(reply));
+  }
+}
+
+/// The pair of that name, or (null) all.
+DiagnosisReport Service::diagnose_pairs(const json& name) {
+  std::set<std::string> image_topics;
+  for (const auto& watch : watches_) {
+    image_topics.insert(watch->topics.image);
+    if (watch->topics.right_image) image_topics.insert(*watch->topics.right_image);
+  }
+  DiagnosisReport report;
+  for (const auto& watch : watches_) {
+    if (!(name.is_null() || name == watch->config->name) || stopping()) continue;
+    diagnose_pair({.dds = config_.dds,
+                   .sampling = config_.sampling,
+                   .pair = *watch->config,
+                   .topics = watch->topics,
+                   .T_camera_lidar = watch->pair->monitor().T_camera_lidar(),
+                   .other_image_topics = image_topics,
+                   .picture_folder = config_.state_dir / "doctor"},
+                  bus_, *watch->depth, [this] { return keep_going(); }, report);
+  }
+  return report;
 }
 
 }  // namespace calib

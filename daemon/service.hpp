@@ -14,7 +14,7 @@
 #include "control.hpp"
 #include "dds/bus.hpp"
 #include "depth_source.hpp"
-#include "doctor.hpp"
+#include "diagnosis.hpp"
 #include "ledger.hpp"
 #include "pair_watch.hpp"
 
@@ -72,14 +72,12 @@ class Service {
   [[nodiscard]] bool stopping() const;
 
   [[nodiscard]] Result<void> take_over(const PairConfig& pair);
-  /// Nothing: it is for the doctor.
+  /// Nothing: the question waits for `run_diagnostics`.
   [[nodiscard]] std::optional<nlohmann::json> answer(const Question& question);
 
-  // service_doctor.cpp: what is wrong
-  void see_doctor();
-  void examine(Watch& watch, nlohmann::json& reply);
-  [[nodiscard]] Result<std::optional<FramePair>> listen(Watch& watch, PairSeen& seen);
-  [[nodiscard]] std::optional<DepthMap> try_depth(Watch& watch, const FramePair& pair, PairSeen& seen);
+  /// Answers what `calibctl doctor` asked, between two samples: nothing else uses the depth sources then.
+  void run_diagnostics();
+  [[nodiscard]] DiagnosisReport diagnose_pairs(const nlohmann::json& name);
 
   // service_status.cpp: what is shown
   [[nodiscard]] PairStatus status_of(const Watch& watch) const;
@@ -94,7 +92,7 @@ class Service {
   std::function<void()> alive_;
   std::chrono::steady_clock::time_point started_ = std::chrono::steady_clock::now();
   std::chrono::steady_clock::time_point last_alive_{};
-  std::deque<Question> doctor_questions_;
+  std::deque<Question> diagnosis_questions_;
 
   // Of the thread that shows things.
   std::chrono::steady_clock::time_point next_diagnostics_{};

@@ -4,6 +4,7 @@
 #include <functional>
 #include <nlohmann/json.hpp>
 
+#include "control_codec.hpp"
 #include "depth/depth_config.hpp"
 #include "support/catch.hpp"
 #include "support/support.hpp"
@@ -316,11 +317,15 @@ TEST_CASE("names from outside are bounded, and escaped in JSON") {
   silence(seen, "cloud");
   seen.writers.push_back({"dds:" + std::string(5000, 'x') + "\x1b[31m", cloud_type_name, true, ""});
   seen.writers.push_back({"/points", "\x1b[31mtype", true, ""});
-  const auto json = to_json(finding(seen, "cloud"), "front");
+  const auto reply = to_json(DiagnosisReport{
+      .checks = {{"front", finding(seen, "cloud")}, {"front", finding(seen, "image")}}, .overlays = {{"front", "/a.png"}}});
+  const auto& json = reply["checks"][0];
   CHECK(json["code"] == "wrong_type");
   CHECK(json["check"] == "cloud");
   CHECK(json["pair"] == "front");
   CHECK(json.dump().find("\\u001b") == std::string::npos);
   CHECK(json.dump().size() < 1000);
-  CHECK_FALSE(to_json(finding(seen, "image"), "front").contains("code"));
+  CHECK_FALSE(reply["checks"][1].contains("code"));
+  CHECK(reply["ok"] == true);
+  CHECK(reply["overlays"][0] == nlohmann::json{{"pair", "front"}, {"file", "/a.png"}});
 }
