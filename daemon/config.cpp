@@ -4,6 +4,7 @@
 
 #include "calib/config_node.hpp"
 #include "calib/record.hpp"
+#include "config_values.hpp"
 #include "dds/decode.hpp"
 #include "dds/names.hpp"
 
@@ -16,19 +17,6 @@ constexpr std::size_t max_pairs = 16;
 /// another.
 constexpr DepthRange metric_depth_range{0.5, 200};
 
-/// A name that may stand in topics, file names and terminals as it is.
-bool is_name(std::string_view name, std::string_view marks) {
-  return !name.empty() && name.size() <= 64 && std::ranges::all_of(name, [&](char c) {
-    return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || marks.find(c) != std::string_view::npos;
-  });
-}
-
-std::string topic(const ConfigNode& node) {
-  const std::string name = node.text();
-  if (const auto dds_name = dds_topic_name(name); !dds_name) node.refuse(dds_name.error().context);
-  return name;
-}
-
 std::string frame_id(const ConfigNode& node) {
   constexpr std::string_view marks = "ABCDEFGHIJKLMNOPQRSTUVWXYZ_-/";
   const std::string name = node.text();
@@ -36,15 +24,9 @@ std::string frame_id(const ConfigNode& node) {
   return name;
 }
 
-std::filesystem::path absolute_path(const ConfigNode& node) {
-  const std::filesystem::path path = node.text();
-  if (!path.is_absolute()) node.refuse("needs an absolute path");
-  return path;
-}
-
 std::filesystem::path path_or(const ConfigNode& top, std::string_view key,
                               const std::optional<std::filesystem::path>& fallback) {
-  if (!fallback || top.find(key)) return absolute_path(top.at(key));
+  if (!fallback || top.find(key)) return read_absolute_path(top.at(key));
   return *fallback;
 }
 
@@ -78,134 +60,26 @@ SamplingConfig read_sampling(const ConfigNode& node) {
   return sampling;
 }
 
-/// Asks `Camera::make` with one more key at a time, so that what it refuses is said of the key it lies in.
-Camera read_camera_model(const ConfigNode& node) {
-  const ConfigNode model_key = node.at("model"), size_key = node.at("size"), intrinsics_key = node.at("intrinsics");
-  const auto model = parse_camera_model(model_key.text());
-  if (!model) model_key.refuse(model.error().context);
-  const auto size = size_key.items();
-  if (size.size() != 2) size_key.refuse("needs width and height in pixels");
-  const int width = size[0].integer(16, 65535), height = size[1].integer(16, 65535);
-  const auto sized = Camera::make(CameraModel::rectified, width, height, {100, 100, 0, 0});
-  if (!sized) size_key.refuse(sized.error().context);
-  const auto intrinsics = intrinsics_key.numbers(4, -1e6, 1e6);
-  const auto pinhole = Camera::make(CameraModel::rectified, width, height, intrinsics);
-  if (!pinhole) intrinsics_key.refuse(pinhole.error().context);
-  const auto distortion_key = node.find("distortion");
-  std::vector<double> distortion;
-  if (distortion_key) distortion = distortion_key->numbers(distortion_key->items().size(), -1e6, 1e6);
-  auto camera = Camera::make(*model, width, height, intrinsics, distortion);
-  if (!camera) distortion_key.value_or(model_key).refuse(camera.error().context);
-  return *camera;
-}
-
 CameraConfig read_camera(const ConfigNode& node) {
   node.with_keys({"image", "info", "frame_id", "model", "size", "intrinsics", "distortion"});
-  CameraConfig camera{.image = topic(node.at("image")), .info = {}, .camera = read_camera_model(node)};
-  if (const auto info = node.find("info")) camera.info = topic(*info);
+  CameraConfig camera{.image = read_topic(node.at("image")), .info = {}, .camera = read_camera_model(node)};
+  if (const auto info = node.find("info")) camera.info = read_topic(*info);
   if (const auto frame = node.find("frame_id")) camera.frame_id = frame_id(*frame);
   return camera;
 }
 
 LidarConfig read_lidar(const ConfigNode& node) {
   node.with_keys({"cloud", "frame_id", "max_points"});
-  LidarConfig lidar{.cloud = topic(node.at("cloud"))};
+  LidarConfig lidar{.cloud = read_topic(node.at("cloud"))};
   if (const auto frame = node.find("frame_id")) lidar.frame_id = frame_id(*frame);
   if (const auto points = node.find("max_points"))
     lidar.max_points = static_cast<std::uint64_t>(points->integer(1000, static_cast<int>(max_cloud_points)));
   return lidar;
 }
 
-RigidTransform read_transform(const ConfigNode& node) {
-  node.with_keys({"translation_m", "quaternion_xyzw"});
-  const auto t = node.at("translation_m").numbers(3, -100, 100);
-  const auto q = node.at("quaternion_xyzw").numbers(4, -2, 2);
-  const auto transform = make_transform({t[0], t[1], t[2]}, {q[0], q[1], q[2], q[3]});
-  if (!transform) node.at("quaternion_xyzw").refuse(transform.error().context);
-  return *transform;
-}
-
-/// The right camera is told in one of three ways.
-StereoDepthConfig read_stereo(const ConfigNode& node, const CameraConfig& left) {
-  node.with_keys(
-      {"source", "range_m", "timeout", "right_image", "baseline_m", "right_camera", "right_info", "matcher"});
-  StereoDepthConfig stereo{.right_image = topic(node.at("right_image")), .right_camera = {}, .right_info = {}};
-  if (stereo.right_image == left.image) node.at("right_image").refuse("is the same topic as camera.image");
-  const auto baseline = node.find("baseline_m"), camera = node.find("right_camera"), info = node.find("right_info");
-  if (baseline.has_value() + camera.has_value() + info.has_value() != 1)
-    node.refuse("needs one of baseline_m (rectified images), right_camera and right_info");
-  const bool rectified = left.camera.model() == CameraModel::rectified;
-  if (baseline) {
-    if (!rectified)
-      baseline->refuse("is for rectified images, and camera.model is " + std::string(to_string(left.camera.model())) +
-                       "; write right_camera or right_info instead");
-    stereo.right_camera = rectified_right_camera(left.camera, baseline->number(0.01, 10));
-  }
-  if (camera) {
-    camera->with_keys({"model", "size", "intrinsics", "distortion", "T_right_left"});
-    stereo.right_camera = RightCamera{read_camera_model(*camera), read_transform(camera->at("T_right_left"))};
-  }
-  if (info) stereo.right_info = topic(*info);
-  if (info && !rectified && !left.info)
-    info->refuse("needs camera.info too: both cameras say how they are to be rectified");
-  if (const auto matcher = node.find("matcher")) {
-    const std::string name = matcher->text();
-    if (name != "sgbm" && name != "bm") matcher->refuse("is none of: sgbm, bm");
-    stereo.matcher = name == "bm" ? StereoMatcher::bm : StereoMatcher::sgbm;
-  }
-  return stereo;
-}
-
-OnnxDepthConfig read_onnx(const ConfigNode& node) {
-  if (const auto range = node.find("range_m"))
-    range->refuse("is for stereo and topic; a network's range stands in its descriptor");
-  node.with_keys(
-      {"source", "timeout", "model", "threads", "spinning", "memory_arena", "keep_session", "execution_provider"});
-  OnnxDepthConfig onnx{.model = absolute_path(node.at("model")), .settings = {}};
-  OnnxSettings& settings = onnx.settings;
-  if (const auto threads = node.find("threads")) settings.threads = threads->integer(1, 64);
-  if (const auto spinning = node.find("spinning")) settings.spinning = spinning->boolean();
-  if (const auto arena = node.find("memory_arena")) settings.memory_arena = arena->boolean();
-  if (const auto keep = node.find("keep_session")) settings.keep_session = keep->boolean();
-  if (const auto provider = node.find("execution_provider")) {
-    settings.execution_provider = provider->text();
-    if (!is_name(settings.execution_provider, "ABCDEFGHIJKLMNOPQRSTUVWXYZ_"))
-      provider->refuse("needs ONNX Runtime's name of an execution provider, such as cpu or cuda");
-  }
-  return onnx;
-}
-
-TopicDepthConfig read_topic_depth(const ConfigNode& node) {
-  node.with_keys({"source", "range_m", "timeout", "image", "disparity", "camera", "T_camera_depth"});
-  const auto image = node.find("image"), disparity = node.find("disparity");
-  if (image.has_value() == disparity.has_value())
-    node.refuse("needs one of image (sensor_msgs/Image) and disparity (stereo_msgs/DisparityImage)");
-  TopicDepthConfig depth;
-  depth.topic = {topic(image ? *image : *disparity), image ? DepthMessage::image : DepthMessage::disparity};
-  if (is_compressed_topic(depth.topic.name) || depth.topic.name.ends_with("/compressedDepth"))
-    (image ? *image : *disparity).refuse("is a compressed topic; depth is read uncompressed");
-  const auto camera = node.find("camera"), transform = node.find("T_camera_depth");
-  if (camera.has_value() != transform.has_value())
-    (camera ? *camera : *transform).refuse("camera and T_camera_depth belong together; write both, or none");
-  if (camera) {
-    camera->with_keys({"model", "size", "intrinsics", "distortion"});
-    depth.camera = DepthCamera{read_camera_model(*camera), read_transform(*transform)};
-  }
-  return depth;
-}
-
 void read_depth(const ConfigNode& node, PairConfig& pair) {
-  const ConfigNode source = node.at("source");
-  const std::string name = source.text();
-  if (name == "stereo")
-    pair.depth = read_stereo(node, pair.camera);
-  else if (name == "onnx")
-    pair.depth = read_onnx(node);
-  else if (name == "topic")
-    pair.depth = read_topic_depth(node);
-  else
-    source.refuse("is none of: stereo, onnx, topic");
-  if (name != "onnx") pair.depth_range = metric_depth_range;
+  pair.depth = read_depth_config(node, pair.camera);
+  if (depth_kind(pair.depth).is_metric) pair.depth_range = metric_depth_range;
   if (const auto range = node.find("range_m")) {
     const auto limits = range->numbers(2, 0, 1000);
     if (limits[0] >= limits[1]) range->refuse("needs the least depth before the greatest");
@@ -216,7 +90,7 @@ void read_depth(const ConfigNode& node, PairConfig& pair) {
 
 MotionConfig read_motion(const ConfigNode& node) {
   node.with_keys({"topic", "type", "max_turn_deg"});
-  MotionConfig motion{.topic = {.name = topic(node.at("topic"))}, .max_turn_rad = QualityLimits{}.max_turn_rad};
+  MotionConfig motion{.topic = {.name = read_topic(node.at("topic"))}, .max_turn_rad = QualityLimits{}.max_turn_rad};
   const ConfigNode type = node.at("type");
   const std::string name = type.text();
   if (name != "imu" && name != "odometry") type.refuse("is none of: imu, odometry");

@@ -5,16 +5,13 @@
 #include <optional>
 #include <string>
 #include <string_view>
-#include <variant>
 #include <vector>
 
-#include "calib/depth_onnx.hpp"
-#include "calib/depth_stereo.hpp"
-#include "calib/depth_topic.hpp"
 #include "calib/geometry.hpp"
 #include "calib/quality.hpp"
 #include "calib/result.hpp"
 #include "dds/names.hpp"
+#include "depth/depth_config.hpp"
 
 namespace calib {
 
@@ -49,29 +46,6 @@ struct LidarConfig {
   std::uint64_t max_points = 1'000'000;
 };
 
-struct StereoDepthConfig {
-  std::string right_image;
-  /// None: it comes with the CameraInfo of `right_info` and, when the images are not rectified, of
-  /// `CameraConfig::info`.
-  std::optional<RightCamera> right_camera;
-  std::optional<std::string> right_info;
-  StereoMatcher matcher = StereoMatcher::sgbm;
-};
-
-struct OnnxDepthConfig {
-  std::filesystem::path model;  // its descriptor
-  /// Of the descriptor when calibd started; empty when it could not be read then, or is not asked for. Another one is
-  /// refused.
-  std::string descriptor_sha256 = {};
-  OnnxSettings settings;
-};
-
-struct TopicDepthConfig {
-  DepthTopic topic;
-  /// None: the depth image shows what the camera's image shows.
-  std::optional<DepthCamera> camera;
-};
-
 /// Pairs in whose time difference the vehicle turned further are not evaluated.
 struct MotionConfig {
   MotionTopic topic;
@@ -103,7 +77,7 @@ struct PairConfig {
   CameraConfig camera;
   LidarConfig lidar;
   RigidTransform T_camera_lidar = RigidTransform::Identity();
-  std::variant<StereoDepthConfig, OnnxDepthConfig, TopicDepthConfig> depth;
+  DepthConfig depth;
   DepthRange depth_range;
   /// An estimate, or the preparation of its source, that takes longer is ended.
   std::chrono::nanoseconds depth_timeout = std::chrono::seconds(30);
@@ -140,7 +114,7 @@ struct Config {
 /// Where the service manager put things ($STATE_DIRECTORY, $RUNTIME_DIRECTORY, $CREDENTIALS_DIRECTORY):
 /// defaults for the keys that the file does not give.
 struct Places {
-  std::optional<std::filesystem::path> state, runtime, credentials, head;
+  std::optional<std::filesystem::path> state{}, runtime{}, credentials{}, head{};
 };
 
 /// Fails with `bad_config` and one line `FILE:LINE: pairs[0].camera.size: what is wrong; what to write`, for

@@ -22,10 +22,24 @@ json encode(const RecordsPage& page) {
   return {{"ok", true}, {"stored", page.stored}, {"records", std::move(records)}};
 }
 
+json encode(const PairFinding& check) {
+  const Finding& finding = check.finding;
+  json encoded{{"pair", check.pair},
+               {"check", finding.check},
+               {"result", to_string(finding.result)},
+               {"seen", escape_control(finding.seen)}};
+  if (finding.code.empty()) return encoded;
+  encoded["code"] = finding.code;
+  encoded["cause"] = escape_control(finding.cause);
+  encoded["remedy"] = escape_control(finding.remedy);
+  return encoded;
+}
+
 json encode(const DiagnosisReport& report) {
   json checks = json::array(), overlays = json::array();
-  for (const auto& [pair, finding] : report.checks) checks.push_back(to_json(finding, pair));
-  for (const auto& [pair, file] : report.overlays) overlays.push_back({{"pair", pair}, {"file", file}});
+  for (const PairFinding& check : report.checks) checks.push_back(encode(check));
+  for (const Overlay& overlay : report.overlays)
+    overlays.push_back({{"pair", overlay.pair}, {"file", overlay.file.string()}});
   return {{"ok", true}, {"checks", std::move(checks)}, {"overlays", std::move(overlays)}};
 }
 

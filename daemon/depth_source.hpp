@@ -10,57 +10,53 @@
 
 namespace calib {
 
-/// Where a pair's depth comes from, by its configuration. The work is done on a thread of its own while the caller
-/// waits and, now and then, does what else is due; work that takes too long is cancelled and its estimator thrown away.
+/// Runs the depth source that a pair is configured with. The estimator works on a thread of its own while the caller
+/// waits. If the work takes longer than `PairConfig::depth_timeout`, it is cancelled and the estimator discarded.
 class DepthSource final : public DepthEstimator {
  public:
-  /// Called about five times a second while depth is waited for; false: give up, calibd ends. Not called any more once
-  /// an estimator has gone on for long after it was cancelled, so that the watchdog notices.
-  using Breathe = std::function<bool()>;
+  /// Called by the waiting thread about five times a second. It may feed the watchdog and nothing else; it must not
+  /// call back into this object or into its owner. False: cancel the work, calibd is stopping. No longer called when an
+  /// estimator has not returned 10 s after it was cancelled, so that the watchdog ends the process.
+  using Poll = std::function<bool()>;
 
   /// Makes an estimator in the place of the configured one.
   using Make = std::function<Result<std::unique_ptr<DepthEstimator>>(const PairConfig&)>;
 
-  DepthSource(const PairConfig& pair, Breathe breathe, Make make = {})
-      : pair_(pair), breathe_(std::move(breathe)), make_(std::move(make)) {}
+  /// `pair` outlives this.
+  DepthSource(const PairConfig& pair, Poll poll, Make make = {})
+      : pair_(pair), poll_(std::move(poll)), make_(std::move(make)) {}
 
-  /// What cameras say of themselves, when the right one is known from that alone.
-  void hear_left(const CameraInfo& info);
-  void hear_right(const CameraInfo& info);
-  /// Whether all is known that an estimator is made from.
-  [[nodiscard]] bool knows_cameras() const;
+  /// CameraInfo from which the estimator is made, where the configuration does not give the right camera. One that
+  /// differs from the last discards the estimator.
+  void set_left_camera_info(const CameraInfo& info);
+  void set_right_camera_info(const CameraInfo& info);
+  /// Whether the cameras are known, so that an estimator can be made.
+  [[nodiscard]] bool has_cameras() const;
 
-  /// The right image's, once its CameraInfo told.
-  [[nodiscard]] std::optional<ImageSize> right_size() const;
+  /// From the right CameraInfo; none before one was set.
+  [[nodiscard]] std::optional<ImageSize> right_image_size() const;
 
-  /// Makes the estimator, once, and proves it. What fails once fails ever after, but for time that ran out.
+  /// Makes the estimator and prepares it, once. A failure is returned again by each later call, until the CameraInfo
+  /// changes; a timeout is not. Does nothing while `has_cameras` is false. Fails with `depth_failed`.
   [[nodiscard]] Result<std::string> prepare() override;
-  /// Prepares first where that was not done. Fails with `depth_failed`, or `camera_info_missing`.
+  /// Prepares the estimator first, if that was not done. Fails with `depth_failed` or `camera_info_missing`.
   [[nodiscard]] Result<DepthMap> estimate(const FramePair& pair) override;
 
-  /// From any thread: whether an estimator is at work.
+  /// From any thread: whether an estimator is working.
   [[nodiscard]] bool busy() const { return busy_; }
 
  private:
-  [[nodiscard]] Result<std::unique_ptr<DepthEstimator>> make() const;
+  void set(std::optional<CameraInfo>& known, const CameraInfo& info);
   template <typename T>
   [[nodiscard]] Result<T> supervise(const std::function<Result<T>()>& work);
 
   const PairConfig& pair_;
-  Breathe breathe_;
+  Poll poll_;
   Make make_;
-  std::optional<CameraInfo> left_info_, right_info_;
+  StereoCameraInfo infos_;
   std::unique_ptr<DepthEstimator> estimator_;
   std::optional<Error> failure_;
   std::atomic<bool> busy_ = false;
 };
-
-/// The right camera as both cameras' CameraInfo tell: by the right one's P when the images are rectified (`left` is
-/// `rectified`, and `left_info` is not needed), else by K, D, R and P. Fails with `bad_camera`.
-[[nodiscard]] Result<RightCamera> right_camera(const Camera& left, const std::optional<CameraInfo>& left_info,
-                                               const CameraInfo& right_info);
-
-/// Of a network's descriptor, which pins the network; empty when it cannot be read.
-[[nodiscard]] std::string sha256_of_file(const std::filesystem::path& descriptor);
 
 }  // namespace calib

@@ -1,7 +1,6 @@
 #include "doctor.hpp"
 
 #include <algorithm>
-#include <nlohmann/json.hpp>
 
 namespace calib {
 
@@ -30,18 +29,6 @@ bool has_problem(const std::vector<Finding>& findings, std::initializer_list<std
   return std::ranges::any_of(findings, [&](const Finding& finding) {
     return finding.result == FindingResult::problem && std::ranges::find(checks, finding.check) != checks.end();
   });
-}
-
-nlohmann::json to_json(const Finding& finding, const std::string& pair) {
-  nlohmann::json json{{"pair", pair},
-                      {"check", finding.check},
-                      {"result", to_string(finding.result)},
-                      {"seen", escape_control(finding.seen)}};
-  if (finding.code.empty()) return json;
-  json["code"] = finding.code;
-  json["cause"] = escape_control(finding.cause);
-  json["remedy"] = escape_control(finding.remedy);
-  return json;
 }
 
 }  // namespace calib

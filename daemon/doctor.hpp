@@ -4,7 +4,6 @@
 #include <cstdint>
 #include <initializer_list>
 #include <map>
-#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <set>
 #include <string>
@@ -14,6 +13,7 @@
 #include "calib/extrinsic_check.hpp"
 #include "dds/decode.hpp"
 #include "dds/discovery.hpp"
+#include "depth/kind.hpp"
 
 namespace calib {
 
@@ -44,9 +44,8 @@ struct DepthTrial {
 /// All that can be seen of a pair from its samples; `diagnose` makes sense of it.
 struct PairSeen {
   Camera camera;
+  DepthKind depth_kind;
   std::string pair{};
-  std::string depth_source{};  // stereo, onnx or topic
-  bool depth_is_metric = false;
   std::uint32_t domain = 0;
   std::string interface {};
   std::chrono::nanoseconds listened{};
@@ -93,7 +92,5 @@ void diagnose_samples(const PairSeen& seen, std::vector<Finding>& findings);
 void diagnose_geometry(const PairSeen& seen, std::vector<Finding>& findings);
 /// Whether a check of one of these names has found a problem.
 [[nodiscard]] bool has_problem(const std::vector<Finding>& findings, std::initializer_list<std::string_view> checks);
-
-[[nodiscard]] nlohmann::json to_json(const Finding& finding, const std::string& pair);
 
 }  // namespace calib

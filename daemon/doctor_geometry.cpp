@@ -174,12 +174,8 @@ Finding judge_depth(const PairSeen& seen) {
   if (!seen.depth) {
     const Error& error = seen.depth.error();
     if (error.code == "no_pair") return not_checked("depth", error.context);
-    if (error.code == "depth_model_refused")
-      return problem(
-          "depth", error.code, error.context,
-          "the network's file, its descriptor or its golden pair was altered, or is not the one that was meant",
-          "put back the network that the descriptor was written for, or write a descriptor for this one; then "
-          "restart calibd");
+    if (const auto& refused = seen.depth_kind.preparation_failure; refused && error.code == refused->code)
+      return problem("depth", error.code, error.context, std::string(refused->cause), std::string(refused->remedy));
     return problem("depth", error.code, error.context, "the source of depth does not work with what it is given",
                    "do what the message says; `calibctl check-config` reads the configuration anew");
   }
@@ -191,8 +187,7 @@ Finding judge_depth(const PairSeen& seen) {
                    "exchange the two topics in the configuration");
   if (seen.depth->valid_share < seen.min_valid_depth)
     return problem("depth", "few_valid_depth", what, "the source of depth does not see what it was made for",
-                   seen.depth_source == "stereo" ? "are both images sharp, rectified and of one moment?"
-                                                 : "is it the right model, topic and range_m?");
+                   std::string(seen.depth_kind.remedies.few_valid));
   return fine("depth", what);
 }
 
@@ -208,9 +203,7 @@ Finding judge_agreement(const PairSeen& seen, const std::vector<Finding>& findin
       fmt::format("rank correlation of depth and cloud {:.2f}, of {} points", correlation, agreement.points);
   if (correlation < -unrelated)
     return problem("agreement", "depth_inverted", what, "what depth takes for near is far",
-                   seen.depth_source == "onnx"
-                       ? "correct output.semantics in the model's descriptor: depth and inverse depth are confused"
-                       : "the topic carries inverse depth where depth is expected, or the other way about");
+                   std::string(seen.depth_kind.remedies.inverted));
   if (seen.told_lens && seen.told_lens->rank_correlation > std::max(agreeing, correlation + 0.15))
     return problem("agreement", "wrong_lens_model",
                    what + fmt::format("; {:.2f} with the lens of CameraInfo", seen.told_lens->rank_correlation),
@@ -231,7 +224,7 @@ Finding judge_agreement(const PairSeen& seen, const std::vector<Finding>& findin
 
 /// Where depth is metric, its ratio to the cloud tells of units and baselines.
 void judge_scale(const PairSeen& seen, Finding& agreement) {
-  if (agreement.result != FindingResult::ok || !seen.depth_is_metric) return;
+  if (agreement.result != FindingResult::ok || !seen.depth_kind.is_metric) return;
   const double ratio = seen.extrinsic->agreement->scale;
   agreement.seen += fmt::format("; ranges are {:.2f} times the depth", ratio);
   if (ratio > 0.8 && ratio < 1.25) return;
@@ -240,8 +233,7 @@ void judge_scale(const PairSeen& seen, Finding& agreement) {
   agreement.code = feet ? "cloud_unit" : "depth_scale";
   agreement.cause = feet ? "the cloud's points look like feet" : "depth is of another scale than the cloud";
   agreement.remedy = feet ? "let the driver publish metres, as sensor_msgs/PointCloud2 has it"
-                     : seen.depth_source == "stereo" ? "correct the baseline or the focal length"
-                                                     : "correct the unit of depth";
+                          : seen.depth_kind.remedies.wrong_scale;
 }
 
 Finding judge_extrinsic(const PairSeen& seen, const std::vector<Finding>& findings) {

@@ -10,7 +10,7 @@
 namespace calib {
 
 PairSettings pair_settings(const Config& config, const PairConfig& pair, std::string evidence_sha256) {
-  const bool monocular = std::holds_alternative<OnnxDepthConfig>(pair.depth);
+  const bool monocular = depth_kind(pair.depth).is_monocular;
   PairSettings settings{.vehicle = config.vehicle,
                         .pair = pair.name,
                         .camera = pair.camera.camera,

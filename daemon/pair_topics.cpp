@@ -8,29 +8,14 @@ namespace {
 constexpr std::uint64_t bytes_per_pixel = 4, bytes_per_point = 64;
 constexpr std::uint64_t slack = 4 << 20, least = 16 << 20;
 
-ImageSize size_of(const Camera& camera) { return {camera.width(), camera.height()}; }
-
 }  // namespace
 
 PairTopics topics_of(const PairConfig& pair) {
-  const ImageSize left = size_of(pair.camera.camera);
+  const Camera& camera = pair.camera.camera;
   PairTopics topics{.image = pair.camera.image, .cloud = pair.lidar.cloud, .camera_info = pair.camera.info};
-  topics.image_bound = ImageBound::exactly(left, "camera.size");
+  topics.image_bound = ImageBound::exactly(size_of(camera), "camera.size");
   topics.max_points = pair.lidar.max_points;
-  if (const auto* stereo = std::get_if<StereoDepthConfig>(&pair.depth)) {
-    topics.right_image = stereo->right_image;
-    topics.right_camera_info = stereo->right_info;
-    topics.right_bound = stereo->right_camera
-                             ? ImageBound::exactly(size_of(stereo->right_camera->camera),
-                                                   "depth.right_camera.size (with baseline_m: camera.size)")
-                             : ImageBound::similar(left, "camera.size");
-  } else if (const auto* topic = std::get_if<TopicDepthConfig>(&pair.depth)) {
-    topics.depth = topic->topic;
-    topics.depth_bound = topic->camera ? ImageBound::exactly(size_of(topic->camera->camera), "depth.camera.size")
-                                       : ImageBound::scaled(left, "camera.size");
-  } else {
-    topics.colour = Colour::rgb;
-  }
+  add_topics(pair.depth, camera, topics);
   if (pair.motion) topics.motion = pair.motion->topic;
   return topics;
 }

@@ -11,10 +11,7 @@ using namespace std::chrono_literals;
 using std::chrono::steady_clock;
 
 std::string evidence_sha256(const PairConfig& pair, const Provenance& provenance) {
-  std::string measured_with = pair.evidence_text + "software:" + provenance.software_sha256 + '\n';
-  if (const auto* onnx = std::get_if<OnnxDepthConfig>(&pair.depth))
-    measured_with += "model:" + onnx->descriptor_sha256 + '\n';
-  return sha256_hex(measured_with);
+  return sha256_hex(pair.evidence_text + "software:" + provenance.software_sha256 + '\n' + pinned_text(pair.depth));
 }
 
 Service::Service(Config config, Ledger ledger, std::unique_ptr<Network> network, Surroundings surroundings)
@@ -28,8 +25,7 @@ Result<std::unique_ptr<Service>> Service::make(Config config, Ledger ledger, std
                                                Surroundings surroundings) {
   std::unique_ptr<Service> service(
       new Service(std::move(config), std::move(ledger), std::move(network), std::move(surroundings)));
-  for (PairConfig& pair : service->config_.pairs)
-    if (auto* onnx = std::get_if<OnnxDepthConfig>(&pair.depth)) onnx->descriptor_sha256 = sha256_of_file(onnx->model);
+  for (PairConfig& pair : service->config_.pairs) pin_files(pair.depth);
   const auto& log = service->surroundings_.log;
   if (const auto& missing = service->ledger_.records_missing())
     log(3, message_ids::records_missing, *missing + "; calibd goes on with the records that there are");
@@ -287,6 +283,28 @@ ControlReply Service::answer(const RollbackRequest& request, const Peer& peer) {
   return change(request.pair, peer, [&](std::size_t pair, std::string asked_by) {
     return roll_back(pair, request.to, std::move(asked_by));
   });
+}
+
+/// Between two pairs, when nothing else uses the depth sources. Of the pair of that name, or of all.
+DiagnosisReport Service::diagnose_pairs(const std::optional<std::string>& name) {
+  std::set<std::string> image_topics;
+  for (const auto& pair : pairs_) {
+    image_topics.insert(pair->topics.image);
+    if (pair->topics.right_image) image_topics.insert(*pair->topics.right_image);
+  }
+  DiagnosisReport report;
+  for (const auto& pair : pairs_) {
+    if ((name && *name != pair->config->name) || stopping()) continue;
+    diagnose_pair({.dds = config_.dds,
+                   .sampling = config_.sampling,
+                   .pair = *pair->config,
+                   .topics = pair->topics,
+                   .T_camera_lidar = pair->state.T_camera_lidar,
+                   .other_image_topics = image_topics,
+                   .picture_folder = config_.state_dir / "doctor"},
+                  *network_, *pair->depth, [this] { return keep_going(); }, report);
+  }
+  return report;
 }
 
 /// What changes something, if the peer may ask for that.

@@ -119,6 +119,7 @@ class Service {
   [[nodiscard]] ControlReply change(
       const std::string& name, const Peer& peer,
       const std::function<Result<Answer>(std::size_t pair, std::string asked_by)>& make);
+  [[nodiscard]] DiagnosisReport diagnose_pairs(const std::optional<std::string>& name);
   [[nodiscard]] Result<std::size_t> find(const std::string& name) const;
 
   // service_sampling.cpp
@@ -128,12 +129,6 @@ class Service {
   [[nodiscard]] std::optional<Error> receive(Pair& pair, Sample sample, PairBuffer& buffer);
   [[nodiscard]] bool keep_going();
   [[nodiscard]] bool stopping() const;
-
-  // service_doctor.cpp
-  [[nodiscard]] DiagnosisReport diagnose_pairs(const std::optional<std::string>& name);
-  void examine(Pair& pair, DiagnosisReport& report);
-  [[nodiscard]] Result<std::optional<FramePair>> listen(Pair& pair, PairSeen& seen);
-  [[nodiscard]] std::optional<DepthMap> try_depth(Pair& pair, const FramePair& frames, PairSeen& seen);
 
   // service_status.cpp
   [[nodiscard]] PairStatus status_of(const Pair& pair) const;

@@ -73,7 +73,7 @@ std::optional<Skip> Service::prepare(Pair& pair) {
 /// Reads until a pair is complete or the window closes. Readers live no longer than this call.
 Result<FramePair> Service::collect(Pair& pair) {
   const auto end = surroundings_.clock().since_boot + config_.sampling.window;
-  if (const auto right = pair.depth->right_size())
+  if (const auto right = pair.depth->right_image_size())
     pair.topics.right_bound = ImageBound::exactly(*right, "the CameraInfo of depth.right_info");
   auto window = network_->open_window(pair.topics);
   if (!window) return tl::unexpected(window.error());
@@ -86,7 +86,7 @@ Result<FramePair> Service::collect(Pair& pair) {
     if (!samples) return tl::unexpected(samples.error());
     for (Sample& sample : *samples)
       if (auto error = receive(pair, std::move(sample), buffer)) refused = std::move(error);
-    while (auto frames = pair.depth->knows_cameras() ? buffer.take() : std::nullopt) {
+    while (auto frames = pair.depth->has_cameras() ? buffer.take() : std::nullopt) {
       if (frames->image.stamp == pair.state.last_stamp) {
         refused = Error{"duplicate_frame", "the image has the stamp of the last one; does the camera stand still?"};
         continue;
@@ -120,10 +120,10 @@ std::optional<Error> Service::receive(Pair& pair, Sample sample, PairBuffer& buf
     pair.motion = arrived;
     buffer.add_turn_rate(*rate);
   } else if (const auto* info = std::get_if<CameraInfo>(&sample)) {
-    pair.depth->hear_left(*info);
+    pair.depth->set_left_camera_info(*info);
     return contradiction(*info, pair.config->camera.camera);
   } else if (const auto* right_info = std::get_if<RightCameraInfo>(&sample)) {
-    pair.depth->hear_right(right_info->info);
+    pair.depth->set_right_camera_info(right_info->info);
   } else if (const auto* malformed = std::get_if<Malformed>(&sample)) {
     ++pair.state.skipped[malformed->error.code];  // a counter, saved with the next decision
     return Error{malformed->error.code, malformed->topic + ": " + malformed->error.context};

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <string>
 
+#include "calib/camera.hpp"
 #include "calib/result.hpp"
 
 namespace calib {
@@ -13,6 +14,7 @@ struct ImageSize {
   int width = 0, height = 0;
   bool operator==(const ImageSize&) const = default;
 };
+[[nodiscard]] inline ImageSize size_of(const Camera& camera) { return {camera.width(), camera.height()}; }
 
 /// The sizes that a topic's images may have. Asked with what an image's header says, before anything of the image is
 /// decoded, converted or allocated.

@@ -331,18 +331,3 @@ TEST_CASE("what cannot be is refused") {
   CHECK(Bus::open(90, "nosuch0").error().code == "dds_failed");
   CHECK(bus().open_window({"left/image", {}, "/points", {}}).error().code == "bad_topic");
 }
-
-TEST_CASE("topics are named on DDS as ROS 2 names them") {
-  CHECK(require_ok(dds_topic_name("/lidar/points")) == "rt/lidar/points");
-  CHECK(require_ok(dds_topic_name("/a")) == "rt/a");
-  CHECK(require_ok(dds_topic_name("/cam_0/image_raw")) == "rt/cam_0/image_raw");
-  CHECK(require_ok(dds_topic_name("dds:Points1/a_b")) == "Points1/a_b");
-  for (const std::string bad : {"", "/", "lidar", "/a/", "//a", "/a//b", "/1a", "/a/2", "/a__b", "/a b", "/a-b",
-                                "/\x1b", "dds:", "dds:a.b", "dds:a-b", "dds:a.b", "dds:1a", "dds:\x01"}) {
-    INFO(bad);
-    CHECK_FALSE(dds_topic_name(bad));
-  }
-  CHECK_FALSE(dds_topic_name("/" + std::string(300, 'a')));
-  CHECK(is_compressed_topic("/left/image/compressed"));
-  CHECK_FALSE(is_compressed_topic("/compressed/image"));
-}

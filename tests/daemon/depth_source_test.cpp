@@ -57,20 +57,20 @@ struct Noise {
 
 TEST_CASE("the right camera is where both CameraInfo say") {
   const auto rig = require_ok(vehicle::Rig::make_unrectified(width, height));
-  const auto right = require_ok(right_camera(rig.camera, info(rig, false), info(rig, true)));
+  const auto right = require_ok(right_camera(rig.camera, {info(rig, false), info(rig, true)}));
   CHECK(distance(right.T_right_left, rig.T_left_right().inverse()) < 1e-12);
   CHECK(right.camera.model() == CameraModel::plumb_bob);
   CHECK(right.camera.distortion() == rig.camera.distortion());
 
   const auto straight = require_ok(vehicle::Rig::make(width, height));
-  const auto beside = require_ok(right_camera(straight.camera, std::nullopt, info(straight, true)));
+  const auto beside = require_ok(right_camera(straight.camera, {{}, info(straight, true)}));
   CHECK(distance(beside.T_right_left, RigidTransform(Eigen::Translation3d(-straight.baseline_m, 0, 0))) < 1e-12);
   CHECK(beside.camera.model() == CameraModel::rectified);
   CameraInfo digits = info(straight, true);
   digits.P[0] += 1e-4;
-  CHECK(require_ok(right_camera(straight.camera, std::nullopt, digits)).camera.fx() == straight.camera.fx());
+  CHECK(require_ok(right_camera(straight.camera, {{}, digits})).camera.fx() == straight.camera.fx());
   digits.P[2] += 5;  // the two pictures are not of the same directions
-  CHECK(require_ok(right_camera(straight.camera, std::nullopt, digits)).camera.cx() == straight.camera.cx() + 5);
+  CHECK(require_ok(right_camera(straight.camera, {{}, digits})).camera.cx() == straight.camera.cx() + 5);
 }
 
 TEST_CASE("CameraInfo of cameras that nobody calibrated as a pair is refused, and says what to do") {
@@ -78,7 +78,7 @@ TEST_CASE("CameraInfo of cameras that nobody calibrated as a pair is refused, an
   const auto refusal = [&](auto spoil) {
     CameraInfo left = info(rig, false), right = info(rig, true);
     spoil(left, right);
-    const auto made = right_camera(rig.camera, left, right);
+    const auto made = right_camera(rig.camera, {left, right});
     REQUIRE_FALSE(made);
     CHECK(made.error().code == "bad_camera");
     CHECK_THAT(made.error().context, Catch::Matchers::EndsWith("calibrate the stereo camera, or give right_camera"));
@@ -105,13 +105,13 @@ TEST_CASE("stereo by CameraInfo waits for it, and uses it") {
       .image = {{}, width, height, std::vector<std::uint8_t>(width * height)}, .right_image = {}, .scan = {}};
   pair.right_image = pair.image;
   DepthSource source(noise.config, [] { return true; });
-  CHECK_FALSE(source.knows_cameras());
+  CHECK_FALSE(source.has_cameras());
   CHECK(source.prepare());
   CHECK(source.estimate(pair).error().code == "camera_info_missing");
-  source.hear_right(info(rig, true));
-  CHECK_FALSE(source.knows_cameras());
-  source.hear_left(info(rig, false));
-  CHECK(source.knows_cameras());
+  source.set_right_camera_info(info(rig, true));
+  CHECK_FALSE(source.has_cameras());
+  source.set_left_camera_info(info(rig, false));
+  CHECK(source.has_cameras());
   CHECK(require_ok(source.estimate(pair)).width == width);
 }
 

@@ -97,15 +97,3 @@ TEST_CASE("what keeps a writer from being read is said") {
   CHECK(heard("/xcdr2").obstacle.find("XCDR2") != std::string::npos);
   CHECK(heard("/durable").obstacle.empty());
 }
-
-TEST_CASE("names of DDS are told as ROS 2 writes them") {
-  CHECK(ros_topic_name("rt/lidar/points") == "/lidar/points");
-  CHECK(ros_topic_name("rtlidar") == "dds:rtlidar");
-  CHECK(ros_topic_name("rq/service") == "dds:rq/service");
-  CHECK(ros_topic_name("") == "dds:");
-  CHECK(ros_type_name("sensor_msgs::msg::dds_::Image_") == "sensor_msgs/msg/Image");
-  CHECK(ros_type_name("Plain") == "Plain");
-  CHECK(ros_type_name("::dds_::X_") == "::dds_::X_");
-  CHECK(ros_type_name("a::dds_::X_") == "a::dds_::X_");
-  CHECK(ros_type_name("") == "");
-}

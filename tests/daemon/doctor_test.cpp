@@ -4,6 +4,8 @@
 #include <functional>
 #include <nlohmann/json.hpp>
 
+#include "control_codec.hpp"
+#include "depth/depth_config.hpp"
 #include "support/catch.hpp"
 #include "support/support.hpp"
 
@@ -24,10 +26,9 @@ TopicSeen topic(const std::string& check, const std::string& key, const std::str
 
 /// A stereo pair with which all is well.
 PairSeen healthy() {
-  PairSeen seen{.camera = require_ok(Camera::make(CameraModel::rectified, 640, 192, {370, 370, 320, 90}))};
+  PairSeen seen{.camera = require_ok(Camera::make(CameraModel::rectified, 640, 192, {370, 370, 320, 90})),
+                .depth_kind = StereoDepthConfig::kind};
   seen.pair = "front";
-  seen.depth_source = "stereo";
-  seen.depth_is_metric = true;
   seen.interface = "lo";
   seen.listened = 2s;
   seen.topics = {topic("image", "camera.image", "/left/image", image_type_name),
@@ -238,7 +239,7 @@ TEST_CASE("a cloud in another unit is named by its ranges, or by metric depth") 
   CHECK(holds(finding(seen, "agreement").cause, "feet"));
   seen.extrinsic->agreement->scale = 1.6;
   CHECK(finding(seen, "agreement").code == "depth_scale");
-  seen.depth_is_metric = false;
+  seen.depth_kind = OnnxDepthConfig::kind;
   CHECK(finding(seen, "agreement").result == FindingResult::ok);
   seen.cloud = CloudCensus{60000, 1000, 59000, 0, 0};
   CHECK(problems(seen) == Names{"cloud_range/empty_cloud"});
@@ -275,8 +276,7 @@ TEST_CASE("an extrinsic that reads better otherwise is named with what it should
 
 TEST_CASE("depth that is inverted, unrelated, weak, of another lens or failed is told apart") {
   PairSeen seen = healthy();
-  seen.depth_source = "onnx";
-  seen.depth_is_metric = false;
+  seen.depth_kind = OnnxDepthConfig::kind;
   const auto with = [&](double correlation) {
     seen.extrinsic->agreement->rank_correlation = correlation;
     return finding(seen, "agreement");
@@ -317,11 +317,15 @@ TEST_CASE("names from outside are bounded, and escaped in JSON") {
   silence(seen, "cloud");
   seen.writers.push_back({"dds:" + std::string(5000, 'x') + "\x1b[31m", cloud_type_name, true, ""});
   seen.writers.push_back({"/points", "\x1b[31mtype", true, ""});
-  const auto json = to_json(finding(seen, "cloud"), "front");
+  const auto reply = encode_reply(DiagnosisReport{
+      .checks = {{"front", finding(seen, "cloud")}, {"front", finding(seen, "image")}}, .overlays = {{"front", "/a.png"}}});
+  const auto& json = reply["checks"][0];
   CHECK(json["code"] == "wrong_type");
   CHECK(json["check"] == "cloud");
   CHECK(json["pair"] == "front");
   CHECK(json.dump().find("\\u001b") == std::string::npos);
   CHECK(json.dump().size() < 1000);
-  CHECK_FALSE(to_json(finding(seen, "image"), "front").contains("code"));
+  CHECK_FALSE(reply["checks"][1].contains("code"));
+  CHECK(reply["ok"] == true);
+  CHECK(reply["overlays"][0] == nlohmann::json{{"pair", "front"}, {"file", "/a.png"}});
 }

@@ -1,0 +1,34 @@
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "calib/depth_stereo.hpp"
+#include "depth/kind.hpp"
+
+namespace calib {
+
+/// Depth from a stereo camera. The right camera is given by the configuration, or by its CameraInfo.
+struct StereoDepthConfig {
+  std::string right_image;
+  /// None: it follows from the CameraInfo of `right_info` and, when the images are not rectified, of
+  /// `CameraConfig::info`.
+  std::optional<RightCamera> right_camera;
+  std::optional<std::string> right_info;
+  StereoMatcher matcher = StereoMatcher::sgbm;
+
+  static const DepthKind kind;
+  [[nodiscard]] static StereoDepthConfig read(const ConfigNode& node, const CameraConfig& left);
+  void add_topics(const Camera& left, PairTopics& topics) const;
+  void pin_files() {}
+  [[nodiscard]] std::string pinned_text() const { return {}; }
+  [[nodiscard]] bool has_cameras(const Camera& left, const StereoCameraInfo& infos) const;
+  [[nodiscard]] Result<std::unique_ptr<DepthEstimator>> make_estimator(const Camera& left,
+                                                                       const StereoCameraInfo& infos) const;
+};
+
+/// The right camera from the CameraInfo of both. Rectified images (`left` is `rectified`) need only the P of the right
+/// one; all others need K, D, R and P of the right one and R of the left one. Fails with `bad_camera`.
+[[nodiscard]] Result<RightCamera> right_camera(const Camera& left, const StereoCameraInfo& infos);
+
+}  // namespace calib

@@ -1,0 +1,138 @@
+#include "diagnosis.hpp"
+
+#include "calib/overlay.hpp"
+#include "topic_probe.hpp"
+
+namespace calib {
+namespace {
+
+using std::chrono::steady_clock;
+
+constexpr std::chrono::milliseconds longest_listening{5000};
+/// Depth that is this good needs no other explanation. Exchanged stereo images match by chance in some places, too.
+constexpr double good_agreement = 0.7, good_share = 0.3;
+
+/// Written under another name first, so that nobody reads half a picture.
+Result<void> draw(const std::filesystem::path& file, const FramePair& pair, const RigidTransform& T_camera_lidar,
+                  const Camera& camera, const DepthMap* depth) {
+  std::error_code error;
+  std::filesystem::create_directories(file.parent_path(), error);
+  auto unfinished = file;
+  unfinished.replace_extension(".new.png");
+  if (auto written = write_overlay(unfinished, pair, camera, T_camera_lidar, depth); !written) return written;
+  std::filesystem::rename(unfinished, file, error);
+  if (error) return fail("write_failed", file.string() + " cannot be written: " + error.message());
+  return {};
+}
+
+/// The camera that CameraInfo describes, if it is for images of the configured size.
+std::optional<Camera> camera_of_info(const PairSeen& seen) {
+  if (!seen.camera_info) return std::nullopt;
+  const CameraInfo& info = *seen.camera_info;
+  auto told = Camera::make(info.model, info.width, info.height, {info.K[0], info.K[4], info.K[2], info.K[5]}, info.D);
+  const bool same_size = info.width == seen.camera.width() && info.height == seen.camera.height();
+  return told && same_size ? std::optional(std::move(*told)) : std::nullopt;
+}
+
+DepthTrial trial(const DepthMap& depth, const PairSeen& seen, const RigidTransform& T_camera_lidar,
+                 const LidarScan& scan) {
+  return {depth.valid_share(), depth_agreement(depth, seen.camera, T_camera_lidar, scan)};
+}
+
+bool is_good(const PairSeen& seen) {
+  const auto& agreement = seen.extrinsic ? seen.extrinsic->agreement : std::nullopt;
+  return seen.depth && seen.depth->valid_share >= good_share && agreement &&
+         agreement->rank_correlation > good_agreement;
+}
+
+/// Listens to the topics of the pair, and to the CameraInfo beside its image. The last samples that belong together;
+/// nothing when there are none. Fails with `dds_failed` or `bad_topic`.
+Result<std::optional<FramePair>> listen(const DiagnosisInput& input, Network& network, DepthSource& depth,
+                                        const std::function<bool()>& keep_going, PairSeen& seen) {
+  const bool camera_info_is_configured = input.pair.camera.info.has_value();
+  seen.topics = topics_to_probe(input.topics, camera_info_is_configured);
+  seen.claimed_topics = input.other_image_topics;
+  for (const TopicSeen& topic : seen.topics) seen.claimed_topics.insert(topic.topic);
+  PairTopics topics = input.topics;
+  if (!topics.camera_info) topics.camera_info = conventional_camera_info(topics.image);
+  auto window = network.open_window(topics);
+  if (!window) return tl::unexpected(window.error());
+  TopicProbe probe(seen, PairBuffer(input.sampling.max_time_difference,
+                                    {.right_image = topics.right_image.has_value(), .depth = topics.depth.has_value()}));
+  const auto start = steady_clock::now();
+  while (keep_going() && steady_clock::now() < start + longest_listening) {
+    auto samples = (*window)->wait(std::chrono::milliseconds(200));
+    if (!samples) return tl::unexpected(samples.error());
+    for (Sample& sample : *samples)
+      probe.add(std::move(sample), std::chrono::system_clock::now().time_since_epoch());
+    seen.listened = steady_clock::now() - start;
+    if (seen.listened < TopicProbe::shortest) continue;
+    auto writers = network.remote_writers();
+    if (!writers) return tl::unexpected(writers.error());
+    seen.writers = std::move(*writers);
+    if (probe.has_enough(seen.listened)) break;
+  }
+  if (camera_info_is_configured && seen.camera_info) depth.set_left_camera_info(*seen.camera_info);
+  if (probe.right_camera_info()) depth.set_right_camera_info(*probe.right_camera_info());
+  return probe.take_pair();
+}
+
+/// Depth as sampling would estimate it, and how the extrinsic agrees with it. Where they disagree, also how well they
+/// agree with another lens or with the stereo images exchanged.
+std::optional<DepthMap> try_depth(const DiagnosisInput& input, const FramePair& pair, DepthSource& source,
+                                  const std::function<bool()>& keep_going, PairSeen& seen) {
+  const auto estimate = [&](const FramePair& of) {
+    auto depth = source.estimate(of);
+    if (depth) mask_depth(of.image, input.pair.depth_range, *depth);
+    return depth;
+  };
+  if (auto scene = check_pair(pair, seen.camera, nullptr, {}); !scene && scene.error().code != "image_size_mismatch")
+    seen.scene = scene.error();
+  if (seen.image != size_of(seen.camera)) return std::nullopt;
+  auto depth = estimate(pair);
+  if (depth)
+    seen.depth = trial(*depth, seen, input.T_camera_lidar, pair.scan);
+  else if (seen.depth || seen.depth.error().code == "no_pair")
+    seen.depth = tl::unexpected(depth.error());
+  seen.extrinsic = examine_extrinsic(seen.camera, input.T_camera_lidar, pair.scan, depth ? &*depth : nullptr);
+  if (!depth) return std::nullopt;
+  [[maybe_unused]] const bool on = keep_going();  // the examination took its time
+  if (const auto told = camera_of_info(seen))
+    seen.told_lens = depth_agreement(*depth, *told, input.T_camera_lidar, pair.scan);
+  if (pair.right_image && !is_good(seen)) {
+    FramePair exchanged{.image = *pair.right_image, .right_image = pair.image, .scan = pair.scan};
+    if (const auto swapped = estimate(exchanged))
+      seen.swapped = trial(*swapped, seen, input.T_camera_lidar, pair.scan);
+  }
+  return std::move(*depth);
+}
+
+}  // namespace
+
+void diagnose_pair(const DiagnosisInput& input, Network& network, DepthSource& depth, const std::function<bool()>& keep_going,
+                   DiagnosisReport& report) {
+  const std::string& name = input.pair.name;
+  PairSeen seen{.camera = input.pair.camera.camera, .depth_kind = depth_kind(input.pair.depth)};
+  seen.pair = name;
+  seen.domain = input.dds.domain;
+  seen.interface = input.dds.interface;
+  seen.min_valid_depth = QualityLimits{}.min_valid_depth;
+  const auto pair = listen(input, network, depth, keep_going, seen);
+  if (!pair) seen.time_difference = tl::unexpected(pair.error());
+  if (const auto ready = depth.prepare(); !ready && seen.depth_kind.preparation_failure)
+    seen.depth = fail(std::string(seen.depth_kind.preparation_failure->code), ready.error().context);
+  std::optional<DepthMap> map;
+  if (pair && *pair) map = try_depth(input, **pair, depth, keep_going, seen);
+  for (Finding& finding : diagnose(seen)) report.checks.push_back({name, std::move(finding)});
+  if (!pair || !*pair) return;
+  const auto file = input.picture_folder / (name + ".png");
+  const auto drawn = draw(file, **pair, input.T_camera_lidar, seen.camera, map ? &*map : nullptr);
+  if (drawn)
+    report.overlays.push_back({name, file});
+  else
+    report.checks.push_back({name,
+                             {"picture", FindingResult::warning, drawn.error().code, drawn.error().context,
+                              "state_dir is full or not writable", "make room, or correct state_dir"}});
+}
+
+}  // namespace calib

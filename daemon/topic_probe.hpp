@@ -1,0 +1,63 @@
+#pragma once
+
+#include <chrono>
+#include <optional>
+#include <string_view>
+#include <vector>
+
+#include "calib/pairing.hpp"
+#include "calib/wall_time.hpp"
+#include "dds/window.hpp"
+#include "doctor.hpp"
+
+namespace calib {
+
+/// The topics that a diagnosis listens to, in the order of its findings. If `topics` names no CameraInfo beside the
+/// image, it is the topic by which drivers publish it by convention; `camera_info_is_configured` tells which.
+[[nodiscard]] std::vector<TopicSeen> topics_to_probe(const PairTopics& topics, bool camera_info_is_configured);
+
+/// The topic of the CameraInfo that belongs to an image by convention: `/front/image/compressed` and `/front/image`
+/// give `/front/camera_info`.
+[[nodiscard]] std::string conventional_camera_info(std::string image_topic);
+
+/// Notes what arrives on the topics of a pair, and joins the samples into pairs as sampling does.
+class TopicProbe {
+ public:
+  /// Listening takes at least `shortest`, and without a pair at least `shortest_without_pair`.
+  static constexpr std::chrono::milliseconds shortest{500}, shortest_without_pair{1500};
+  /// As many messages of a topic are enough to judge its stamps by.
+  static constexpr std::uint64_t enough_messages = 5;
+
+  /// Writes what arrives into `seen`, whose `topics` are those listened to. `seen` outlives the probe.
+  TopicProbe(PairSeen& seen, PairBuffer buffer) : seen_(seen), buffer_(std::move(buffer)) {}
+
+  void add(Sample sample, WallTime arrival);
+
+  /// Whether listening for so long was enough: each topic that has a matching publisher in `seen.writers` brought
+  /// enough messages or an unusable one.
+  [[nodiscard]] bool has_enough(std::chrono::nanoseconds listened) const;
+
+  /// Ends the probe: the latest pair. Without one, `seen.time_difference` says why there is none.
+  [[nodiscard]] std::optional<FramePair> take_pair();
+
+  /// The last one that arrived.
+  [[nodiscard]] const std::optional<CameraInfo>& right_camera_info() const { return right_camera_info_; }
+
+ private:
+  void note(LeftImage& left, WallTime arrival);
+  void note(RightImage& right, WallTime arrival);
+  void note(DecodedCloud& cloud, WallTime arrival);
+  void note(DepthImage& depth, WallTime arrival);
+  void note(TurnRate& rate, WallTime arrival);
+  void note(CameraInfo& info, WallTime arrival);
+  void note(RightCameraInfo& right, WallTime arrival);
+  void note(Malformed& malformed, WallTime arrival);
+  void count(std::string_view check, Timestamp stamp, WallTime arrival);
+
+  PairSeen& seen_;
+  PairBuffer buffer_;
+  std::optional<FramePair> pair_;
+  std::optional<CameraInfo> right_camera_info_;
+};
+
+}  // namespace calib
