@@ -43,7 +43,8 @@ Result<RightCamera> right_camera(const Camera& left, const std::optional<CameraI
                                  const CameraInfo& right_info) {
   const auto& P = right_info.P;
   const auto refuse = [](const std::string& what) {
-    return fail("bad_camera", "the right CameraInfo " + what + "; calibrate the stereo camera, or give right_camera");
+    return fail(ErrorCode::bad_camera,
+                "the right CameraInfo " + what + "; calibrate the stereo camera, or give right_camera");
   };
   if (!(P[0] > 1 && P[5] > 1 && P[3] < 0)) return refuse("has no baseline in P (P[3] = -fx * baseline)");
   const RigidTransform baseline(Eigen::Translation3d(P[3] / P[0], P[7] / P[5], 0));
@@ -97,13 +98,13 @@ Result<std::unique_ptr<DepthEstimator>> DepthSource::make() const {
   if (const auto* onnx = std::get_if<OnnxDepthConfig>(&pair_.depth)) {
     // Evidence of two networks must not be taken for that of one.
     if (!onnx->descriptor_sha256.empty() && sha256_of_file(onnx->model) != onnx->descriptor_sha256)
-      return fail("depth_failed", onnx->model.string() + " has changed since calibd started; restart calibd");
+      return fail(ErrorCode::depth_failed, onnx->model.string() + " has changed since calibd started; restart calibd");
     return make_onnx_depth(onnx->model, camera, onnx->settings);
   }
   if (const auto* topic = std::get_if<TopicDepthConfig>(&pair_.depth)) return make_topic_depth(camera, topic->camera);
   const auto& stereo = std::get<StereoDepthConfig>(pair_.depth);
   const auto right = stereo.right_camera ? *stereo.right_camera : right_camera(camera, left_info_, *right_info_);
-  if (!right) return tl::unexpected(right.error());
+  if (!right) return propagate(right);
   return make_stereo_depth(camera, *right, stereo.matcher);
 }
 
@@ -111,7 +112,7 @@ Result<std::string> DepthSource::prepare() {
   if (failure_) return tl::unexpected(*failure_);
   if (estimator_ || !knows_cameras()) return std::string();
   const auto fails = [this](const Error& error) {
-    return tl::unexpected(*(failure_ = Error{"depth_failed", error.context}));
+    return tl::unexpected(*(failure_ = Error{ErrorCode::depth_failed, error.context}));
   };
   auto made = make();
   if (!made) return fails(made.error());
@@ -122,10 +123,10 @@ Result<std::string> DepthSource::prepare() {
 }
 
 Result<DepthMap> DepthSource::estimate(const FramePair& pair) {
-  if (busy_) return fail("depth_failed", "depth is being estimated already; ask again");
-  if (const auto ready = prepare(); !ready) return tl::unexpected(ready.error());
+  if (busy_) return fail(ErrorCode::depth_failed, "depth is being estimated already; ask again");
+  if (const auto ready = prepare(); !ready) return propagate(ready);
   if (!estimator_)
-    return fail("camera_info_missing",
+    return fail(ErrorCode::camera_info_missing,
                 "no CameraInfo told where the right camera is; is depth.right_info the right topic (and camera.info)?");
   return supervise<DepthMap>([&] { return estimator_->estimate(pair); });
 }
@@ -150,10 +151,11 @@ Result<T> DepthSource::supervise(const std::function<Result<T>()>& work) {
   busy_ = false;
   if (!cancelled) return result.get();
   estimator_.reset();  // what was cancelled stays so
-  if (ending) return fail("depth_failed", "calibd ends");
-  return fail("depth_failed", fmt::format("depth took longer than {:g} s; give it more time (depth.timeout), or less "
-                                          "to do",
-                                          std::chrono::duration<double>(pair_.depth_timeout).count()));
+  if (ending) return fail(ErrorCode::depth_failed, "calibd ends");
+  return fail(ErrorCode::depth_failed,
+              fmt::format("depth took longer than {:g} s; give it more time (depth.timeout), or less "
+                          "to do",
+                          std::chrono::duration<double>(pair_.depth_timeout).count()));
 }
 
 }  // namespace calib

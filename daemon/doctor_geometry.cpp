@@ -157,7 +157,7 @@ Finding judge_scene(const PairSeen& seen) {
   if (!seen.scene) return fine("scene", "light, texture and points are enough to be judged by");
   return {"scene",
           FindingResult::warning,
-          seen.scene->code,
+          std::string(to_string(seen.scene->code)),
           seen.scene->context,
           "not a fault of the configuration, if the scene is like that now; such pairs are not evaluated",
           "ask again where there is light and something to see"};
@@ -173,14 +173,15 @@ bool swapped(const PairSeen& seen) {
 Finding judge_depth(const PairSeen& seen) {
   if (!seen.depth) {
     const Error& error = seen.depth.error();
-    if (error.code == "no_pair") return not_checked("depth", error.context);
-    if (error.code == "depth_model_refused")
+    if (error.code == ErrorCode::no_pair) return not_checked("depth", error.context);
+    if (error.code == ErrorCode::depth_model_refused)
       return problem(
-          "depth", error.code, error.context,
+          "depth", std::string(to_string(error.code)), error.context,
           "the network's file, its descriptor or its golden pair was altered, or is not the one that was meant",
           "put back the network that the descriptor was written for, or write a descriptor for this one; then "
           "restart calibd");
-    return problem("depth", error.code, error.context, "the source of depth does not work with what it is given",
+    return problem("depth", std::string(to_string(error.code)), error.context,
+                   "the source of depth does not work with what it is given",
                    "do what the message says; `calibctl check-config` reads the configuration anew");
   }
   const std::string what = fmt::format("{:.0f} % of the image has depth", 100 * seen.depth->valid_share);

@@ -18,14 +18,14 @@ std::size_t PairMonitor::wanted_pairs() const {
 
 Result<PairMonitor::Evidence> PairMonitor::measure(const FramePair& pair) {
   const SceneThumbnail* last = last_scene_ ? &*last_scene_ : nullptr;
-  if (auto good = check_pair(pair, camera_, last, settings_.quality); !good) return tl::unexpected(good.error());
+  if (auto good = check_pair(pair, camera_, last, settings_.quality); !good) return propagate(good);
   auto depth = depth_->estimate(pair);
-  if (!depth) return tl::unexpected(depth.error());
+  if (!depth) return propagate(depth);
   mask_depth(pair.image, settings_.quality.depth_range, *depth);
-  if (auto good = check_depth(*depth, settings_.quality); !good) return tl::unexpected(good.error());
+  if (auto good = check_depth(*depth, settings_.quality); !good) return propagate(good);
   auto features = make_features(pair, *depth, camera_, T_camera_lidar_,
                                 {.bounds = settings_.bounds, .min_points = settings_.quality.min_points});
-  if (!features) return tl::unexpected(features.error());
+  if (!features) return propagate(features);
 
   last_scene_ = thumbnail(pair.image);
   const Objective objective = drift_objective(settings_.depth_is_guessed);
@@ -80,7 +80,7 @@ std::optional<NormalScore> PairMonitor::normal_score() const {
 Result<PairMonitor::Outcome> PairMonitor::recalibrate(const std::function<bool()>& keep_going) const {
   const auto frames = eligible();
   if (frames.size() < wanted_pairs())
-    return fail("not_ready", "only " + progress() + " good pairs are at hand; try again when there are more");
+    return fail(ErrorCode::not_ready, "only " + progress() + " good pairs are at hand; try again when there are more");
   std::vector<const FeatureSet*> fit, held_back;
   Outcome outcome;
   for (std::size_t i = 0; i < frames.size(); ++i) {
@@ -96,7 +96,7 @@ Result<PairMonitor::Outcome> PairMonitor::recalibrate(const std::function<bool()
   settings.normal = normal_score();
   settings.keep_going = keep_going;
   auto result = calib::recalibrate(fit, held_back, T_camera_lidar_, settings);
-  if (!result) return tl::unexpected(result.error());
+  if (!result) return propagate(result);
   outcome.result = std::move(*result);
   return outcome;
 }

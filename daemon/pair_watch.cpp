@@ -69,8 +69,8 @@ void set_evidence_aside(PairState& state, const PairConfig& pair, const Ledger& 
 }
 
 /// What a message was refused for was counted message by message.
-bool counted_on_arrival(std::string_view code) {
-  return code.starts_with("malformed:") || code == "image_size_mismatch" || code == "out_of_memory";
+bool counted_on_arrival(ErrorCode code) {
+  return is_malformed(code) || code == ErrorCode::image_size_mismatch || code == ErrorCode::out_of_memory;
 }
 
 std::string_view message_id(const PairState& state) {
@@ -120,9 +120,9 @@ Result<std::unique_ptr<PairWatch>> PairWatch::take_over(const Config& config, co
     record.T_camera_lidar_before =
         initial != nullptr ? ledger.in_force(pair.name)->T_camera_lidar : pair.T_camera_lidar;
     const auto written = ledger.write(pair.name, state, {.record = std::move(record), .alert = {}}, clock());
-    if (!written) return tl::unexpected(written.error());
-  } else if (!saved && saved.error().code != "malformed_state") {
-    return tl::unexpected(saved.error());  // it may well be there
+    if (!written) return propagate(written);
+  } else if (!saved && saved.error().code != ErrorCode::malformed_state) {
+    return propagate(saved);  // it may well be there
   } else if (saved && *saved) {
     state = **saved;
     if (state.evidence_sha256 != evidence_sha256) {
@@ -165,7 +165,7 @@ void PairWatch::begin(const std::string& set_aside) {
 Result<void> PairWatch::evaluate(const FramePair& pair) {
   const Moment taken = clock_();
   auto evidence = monitor_.measure(pair);
-  if (!evidence) return tl::unexpected(evidence.error());
+  if (!evidence) return propagate(evidence);
   state_.last_stamp = pair.image.stamp;
   observe(std::move(*evidence), taken);
   return {};
@@ -189,7 +189,7 @@ void PairWatch::observe(PairMonitor::Evidence evidence, const Moment& taken) {
 
 void PairWatch::skip(const Error& error, int windows) {
   windows_without_evidence_ += windows;
-  last_skip_ = error.code + ": " + escape_control(error.context);
+  last_skip_ = std::string(to_string(error.code)) + ": " + escape_control(error.context);
   if (!counted_on_arrival(error.code)) count_skipped(error.code);
 }
 

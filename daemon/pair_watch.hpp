@@ -50,7 +50,7 @@ class PairWatch {
   /// A window without evidence, or as good as `windows` of them.
   void skip(const Error& error, int windows = 1);
   /// Counts a sample that was of no use; `skip` does so itself with what no message was refused for.
-  void count_skipped(const std::string& code) { ++state_.skipped[code]; }
+  void count_skipped(ErrorCode code) { ++state_.skipped[std::string(to_string(code))]; }
   /// From the evidence so far to a verdict, with the alert that it calls for; to the end of a probation, a baseline, or
   /// a new extrinsic.
   void conclude();

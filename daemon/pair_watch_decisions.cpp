@@ -72,13 +72,14 @@ void PairWatch::refuse(PairState& after) const {
 Result<PairMonitor::Outcome> PairWatch::try_to_recalibrate() const try {
   return monitor_.recalibrate(listener_.keep_going);
 } catch (const std::exception& exception) {
-  return fail("recalibration_failed", std::string("the recalibration was broken off: ") + exception.what());
+  return fail(ErrorCode::recalibration_failed, std::string("the recalibration was broken off: ") + exception.what());
 }
 
 json PairWatch::recalibrate(const std::string& asked_by, bool dry_run) {
   const auto outcome = try_to_recalibrate();
-  if (!outcome && outcome.error().code == "recalibration_failed") count_skipped(outcome.error().code);
-  if (!outcome) return refusal(outcome.error().code == "not_ready" ? "not_ready" : "failed", outcome.error().context);
+  if (!outcome && outcome.error().code == ErrorCode::recalibration_failed) count_skipped(outcome.error().code);
+  if (!outcome)
+    return refusal(outcome.error().code == ErrorCode::not_ready ? "not_ready" : "failed", outcome.error().context);
   const Recalibration& result = outcome->result;
   json reply{{"ok", true}, {"reason", result.reason}, {"record", nullptr}, {"result", in_json(result)}};
   if (dry_run) {
@@ -202,7 +203,8 @@ json PairWatch::roll_back(const json& to, const std::string& asked_by) {
   const std::uint64_t target = to.is_null() ? before->sequence : to.get<std::uint64_t>();
   const auto earlier = ledger_.find(name(), target);
   if (!earlier)
-    return refusal(earlier.error().code == "record_not_found" ? "not_found" : "failed", earlier.error().context);
+    return refusal(earlier.error().code == ErrorCode::record_not_found ? "not_found" : "failed",
+                   earlier.error().context);
   if (!puts_in_force(earlier->decision))
     return refusal("bad_request", "record " + number(target) + " put nothing in force, it is " +
                                       std::string(to_string(earlier->decision)) +

@@ -27,16 +27,16 @@ std::chrono::nanoseconds read_clock(clockid_t clock) {
 /// than the last digits that people write down.
 std::optional<Error> contradiction(const CameraInfo& info, const Camera& camera) {
   if (info.width != camera.width() || info.height != camera.height())
-    return Error{"camera_info_mismatch", "CameraInfo is for " + std::to_string(info.width) + " x " +
-                                             std::to_string(info.height) + " pixels; correct camera.size"};
+    return Error{ErrorCode::camera_info_mismatch, "CameraInfo is for " + std::to_string(info.width) + " x " +
+                                                      std::to_string(info.height) + " pixels; correct camera.size"};
   const bool rectified = camera.model() == CameraModel::rectified;
   const std::array<double, 4> theirs = rectified ? std::array{info.P[0], info.P[5], info.P[2], info.P[6]}
                                                  : std::array{info.K[0], info.K[4], info.K[2], info.K[5]};
   const std::array<double, 4> ours{camera.fx(), camera.fy(), camera.cx(), camera.cy()};
   for (std::size_t i = 0; i < ours.size(); ++i)
     if (std::abs(theirs[i] - ours[i]) > 0.5)
-      return Error{"camera_info_mismatch", std::string("CameraInfo's ") + (rectified ? "P" : "K") +
-                                               " differs from camera.intrinsics; correct the configuration"};
+      return Error{ErrorCode::camera_info_mismatch, std::string("CameraInfo's ") + (rectified ? "P" : "K") +
+                                                        " differs from camera.intrinsics; correct the configuration"};
   return std::nullopt;
 }
 
@@ -47,10 +47,11 @@ Result<void> contained(PairWatch& pair, Work work) {
   try {
     return work();
   } catch (const std::bad_alloc&) {
-    pair.count_skipped("out_of_memory");
-    return fail("out_of_memory", "there was no memory for a pair; give calibd more (MemoryMax=), or smaller samples");
+    pair.count_skipped(ErrorCode::out_of_memory);
+    return fail(ErrorCode::out_of_memory,
+                "there was no memory for a pair; give calibd more (MemoryMax=), or smaller samples");
   } catch (const std::exception& exception) {
-    return fail("internal_error", std::string("a pair could not be evaluated: ") + exception.what());
+    return fail(ErrorCode::internal_error, std::string("a pair could not be evaluated: ") + exception.what());
   }
 }
 
@@ -73,13 +74,13 @@ Result<std::unique_ptr<Service>> Service::make(Config config, Ledger ledger, Bus
     journal(3, message_ids::records_missing, *missing + "; calibd goes on with the records that there are");
   // Alerts that were written but perhaps not sent, and extrinsics that late readers must see.
   const auto latest = service->ledger_.latest_alerts(32);
-  if (!latest) return tl::unexpected(latest.error());
+  if (!latest) return propagate(latest);
   for (const Error& unreadable : latest->unreadable)
     journal(4, message_ids::store_failed, unreadable.context + "; it is left where it is, and not sent");
   for (const DriftAlert& alert : latest->alerts)
-    if (auto sent = service->bus_.publish_alert(alert); !sent) return tl::unexpected(sent.error());
+    if (auto sent = service->bus_.publish_alert(alert); !sent) return propagate(sent);
   for (const PairConfig& pair : service->config_.pairs)
-    if (auto taken = service->take_over(pair); !taken) return tl::unexpected(taken.error());
+    if (auto taken = service->take_over(pair); !taken) return propagate(taken);
   service->publish_extrinsics();
   service->collect_status();
   return service;
@@ -91,7 +92,7 @@ Result<void> Service::run(const std::function<void()>& alive) {
   while (!stopping()) {
     for (auto& watch : watches_) {
       if (!stopping()) sample(*watch);
-      if (const auto& failure = watch->pair->store_failure(); failure && failure->code == "store_moved")
+      if (const auto& failure = watch->pair->store_failure(); failure && failure->code == ErrorCode::store_moved)
         return tl::unexpected(*failure);
       see_doctor();
     }
@@ -161,7 +162,7 @@ void Service::breathe(steady_clock::time_point until) {
 void Service::sample(Watch& watch) {
   const auto evaluated = contained(*watch.pair, [&] { return evaluate(watch); });
   if (stopping()) return;  // whatever is missing was not waited for
-  if (!evaluated && evaluated.error().code != "not_prepared") watch.pair->skip(evaluated.error());
+  if (!evaluated && evaluated.error().code != ErrorCode::not_prepared) watch.pair->skip(evaluated.error());
   watch.pair->conclude();
   collect_status();
   breathe(steady_clock::now());
@@ -169,9 +170,9 @@ void Service::sample(Watch& watch) {
 
 /// One window.
 Result<void> Service::evaluate(Watch& watch) {
-  if (!prepare(watch)) return fail("not_prepared", "");
+  if (!prepare(watch)) return fail(ErrorCode::not_prepared, "");
   const auto pair = collect(watch);
-  if (!pair) return tl::unexpected(pair.error());
+  if (!pair) return propagate(pair);
   auto evaluated = watch.pair->evaluate(*pair);
   if (evaluated) watch.time_difference = pair->time_difference();
   return evaluated;
@@ -196,22 +197,23 @@ Result<FramePair> Service::collect(Watch& watch) {
   if (const auto right = watch.depth->right_size())
     watch.topics.right_bound = ImageBound::exactly(*right, "the CameraInfo of depth.right_info");
   auto window = bus_.open_window(watch.topics);
-  if (!window) return tl::unexpected(window.error());
+  if (!window) return propagate(window);
   PairBuffer buffer(config_.sampling.max_time_difference, {.right_image = watch.topics.right_image.has_value(),
                                                            .depth = watch.topics.depth.has_value(),
                                                            .turn_rate = watch.topics.motion.has_value()});
   std::optional<Error> refused;
   for (auto left = config_.sampling.window; left > left.zero(); left = end - steady_clock::now()) {
     auto samples = window->wait(std::min<std::chrono::nanoseconds>(left, slice));
-    if (!samples) return tl::unexpected(samples.error());
+    if (!samples) return propagate(samples);
     for (Sample& sample : *samples)
       if (auto error = receive(watch, std::move(sample), buffer)) refused = std::move(error);
     while (auto pair = watch.depth->knows_cameras() ? buffer.take() : std::nullopt) {
       if (pair->image.stamp == watch.pair->state().last_stamp) {
-        refused = Error{"duplicate_frame", "the image has the stamp of the last one; does the camera stand still?"};
+        refused =
+            Error{ErrorCode::duplicate_frame, "the image has the stamp of the last one; does the camera stand still?"};
         continue;
       }
-      if (refused && refused->code == "camera_info_mismatch") return tl::unexpected(*refused);
+      if (refused && refused->code == ErrorCode::camera_info_mismatch) return tl::unexpected(*refused);
       return std::move(*pair);
     }
     breathe(steady_clock::now());
@@ -271,7 +273,7 @@ Result<void> Service::take_over(const PairConfig& pair) {
       .keep_going = [this] { return keep_going(); }};
   auto watch = PairWatch::take_over(config_, pair, evidence_sha256(pair, ledger_.provenance()), std::move(depth),
                                     ledger_, now, listener);
-  if (!watch) return tl::unexpected(watch.error());
+  if (!watch) return propagate(watch);
   watches_.push_back(std::make_unique<Watch>(
       Watch{.config = &pair, .topics = topics_of(pair), .pair = std::move(*watch), .depth = source}));
   return {};

@@ -126,7 +126,7 @@ class Ear {
         seen_.companion_size = fmt::format("{}: {}", malformed.topic, malformed.error.context);
       return;
     }
-    ++topic->malformed[malformed.error.code];
+    ++topic->malformed[std::string(to_string(malformed.error.code))];
     topic->malformed_context = malformed.error.context;
   }
   void arrived(std::string_view check, Timestamp stamp, WallTime now) {
@@ -153,7 +153,7 @@ Result<void> draw(const std::filesystem::path& file, const FramePair& pair, cons
   unfinished.replace_extension(".new.png");
   if (auto written = write_overlay(unfinished, pair, camera, T_camera_lidar, depth); !written) return written;
   std::filesystem::rename(unfinished, file, error);
-  if (error) return fail("write_failed", file.string() + " cannot be written: " + error.message());
+  if (error) return fail(ErrorCode::write_failed, file.string() + " cannot be written: " + error.message());
   return {};
 }
 
@@ -209,10 +209,10 @@ void Service::examine(Watch& watch, json& reply) {
   seen.interface = config_.dds.interface;
   seen.min_valid_depth = QualityLimits{}.min_valid_depth;
   const auto listened = listen(watch, seen);
-  if (!listened) seen.time_difference = tl::unexpected(listened.error());
+  if (!listened) seen.time_difference = propagate(listened);
   // A network is refused with or without images; other sources are made of what comes.
   if (const auto ready = watch.depth->prepare(); !ready && seen.depth_source == "onnx")
-    seen.depth = fail("depth_model_refused", ready.error().context);
+    seen.depth = fail(ErrorCode::depth_model_refused, ready.error().context);
   std::optional<DepthMap> depth;
   if (listened && *listened) depth = try_depth(watch, **listened, seen);
   auto findings = diagnose(seen);
@@ -222,8 +222,9 @@ void Service::examine(Watch& watch, json& reply) {
     if (drawn)
       reply["overlays"].push_back({{"pair", config.name}, {"file", file.string()}});
     else
-      findings.push_back({"picture", FindingResult::warning, drawn.error().code, drawn.error().context,
-                          "state_dir is full or not writable", "make room, or correct state_dir"});
+      findings.push_back({"picture", FindingResult::warning, std::string(to_string(drawn.error().code)),
+                          drawn.error().context, "state_dir is full or not writable",
+                          "make room, or correct state_dir"});
   }
   for (const Finding& finding : findings) reply["checks"].push_back(to_json(finding, config.name));
 }
@@ -239,19 +240,19 @@ Result<std::optional<FramePair>> Service::listen(Watch& watch, PairSeen& seen) {
     if (other->topics.right_image) seen.claimed_topics.insert(*other->topics.right_image);
   }
   auto window = bus_.open_window(topics);
-  if (!window) return tl::unexpected(window.error());
+  if (!window) return propagate(window);
   Ear ear(seen, PairBuffer(config_.sampling.max_time_difference,
                            {.right_image = topics.right_image.has_value(), .depth = topics.depth.has_value()}));
   const auto start = steady_clock::now();
   while (!stopping() && steady_clock::now() < start + longest_listening) {
     auto samples = window->wait(std::chrono::milliseconds(200));
-    if (!samples) return tl::unexpected(samples.error());
+    if (!samples) return propagate(samples);
     for (Sample& sample : *samples) ear.hear(sample, now().wall);
     [[maybe_unused]] const bool on = keep_going();
     seen.listened = steady_clock::now() - start;
     if (seen.listened < shortest_listening) continue;
     auto writers = bus_.remote_writers();
-    if (!writers) return tl::unexpected(writers.error());
+    if (!writers) return propagate(writers);
     seen.writers = std::move(*writers);
     if (ear.heard_enough(seen.listened)) break;
   }
@@ -268,14 +269,15 @@ std::optional<DepthMap> Service::try_depth(Watch& watch, const FramePair& pair, 
     if (depth) mask_depth(of.image, watch.config->depth_range, *depth);
     return depth;
   };
-  if (auto scene = check_pair(pair, seen.camera, nullptr, {}); !scene && scene.error().code != "image_size_mismatch")
+  if (auto scene = check_pair(pair, seen.camera, nullptr, {});
+      !scene && scene.error().code != ErrorCode::image_size_mismatch)
     seen.scene = scene.error();
   if (seen.image != ImageSize{seen.camera.width(), seen.camera.height()}) return std::nullopt;
   auto depth = estimate(pair);
   if (depth)
     seen.depth = trial(*depth, seen, T_camera_lidar, pair.scan);
-  else if (seen.depth || seen.depth.error().code == "no_pair")
-    seen.depth = tl::unexpected(depth.error());
+  else if (seen.depth || seen.depth.error().code == ErrorCode::no_pair)
+    seen.depth = propagate(depth);
   seen.extrinsic = examine_extrinsic(seen.camera, T_camera_lidar, pair.scan, depth ? &*depth : nullptr);
   [[maybe_unused]] const bool on = keep_going();
   if (depth)

@@ -76,7 +76,7 @@ json Service::records(const json& from) const {
   std::size_t bytes = 0;
   for (auto sequence = from.get<std::uint64_t>(); sequence <= *stored && bytes < most_bytes; ++sequence) {
     const auto record = store->record(sequence);
-    if (!record && record.error().code != "record_not_found") return refusal("failed", record.error().context);
+    if (!record && record.error().code != ErrorCode::record_not_found) return refusal("failed", record.error().context);
     bytes += record ? record->canonical.size() + record->signature.size() : 0;
     reply["records"].push_back(
         {{"canonical", record ? record->canonical : ""}, {"signature", record ? record->signature : ""}});

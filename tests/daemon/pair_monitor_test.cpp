@@ -46,7 +46,7 @@ Vector6 yaw(double degrees) { return Vector6::Unit(2) * degrees * radians_per_de
 
 std::string refusal(PairMonitor& monitor, const FramePair& pair) {
   const auto evidence = monitor.evaluate(pair);
-  return evidence ? "" : evidence.error().code;
+  return evidence ? "" : word(evidence.error().code);
 }
 
 }  // namespace

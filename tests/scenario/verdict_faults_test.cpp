@@ -39,7 +39,7 @@ class FullDisk {
 };
 
 class NoDepth final : public DepthEstimator {
-  Result<DepthMap> estimate(const FramePair&) override { return fail("depth_failed", "is not asked"); }
+  Result<DepthMap> estimate(const FramePair&) override { return fail(ErrorCode::depth_failed, "is not asked"); }
 };
 
 /// A parabola whose top is `off` of the LiDAR's place, per axis.
@@ -202,7 +202,7 @@ class Vehicle {
       ++truth_.pairs_with[measured_with_];
       truth_.last_pair = steady_;
     } else {
-      watch_->skip({"sensor_silent", "the camera is silent"});
+      watch_->skip({ErrorCode::sensor_silent, "the camera is silent"});
     }
     watch_->conclude();
     truth_.last_write_worked = truth_.store_works && !full_disk_;
