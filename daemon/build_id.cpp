@@ -45,7 +45,7 @@ Result<std::string> build_id() {
   std::string_view id;
   dl_iterate_phdr(look_at_program, &id);
   if (id.empty())
-    return fail("no_build_id", "this program was linked without a build id; link it with -Wl,--build-id=sha1");
+    return fail(ErrorCode::no_build_id, "this program was linked without a build id; link it with -Wl,--build-id=sha1");
   std::string hex;
   for (const char byte : id) {
     const auto value = static_cast<unsigned char>(byte);

@@ -48,9 +48,11 @@ bool sync_folder(const std::filesystem::path& folder) {
 Result<std::optional<ChainHead>> read_chain_head(const std::filesystem::path& folder, const SigningKey& key) {
   const auto file = file_in(folder);
   const auto text = read_regular_file(file, largest_file);
-  if (!text && text.error().code == "file_not_found") return std::optional<ChainHead>{};
-  const auto refuse = [&](const std::string& what) { return fail("malformed_head", file.string() + " " + what); };
-  if (!text) return fail("malformed_head", text.error().context);
+  if (!text && text.error().code == ErrorCode::file_not_found) return std::optional<ChainHead>{};
+  const auto refuse = [&](const std::string& what) {
+    return fail(ErrorCode::malformed_head, file.string() + " " + what);
+  };
+  if (!text) return fail(ErrorCode::malformed_head, text.error().context);
   try {
     json object = json::parse(*text);
     const std::string mac = object.at("mac").get<std::string>();
@@ -71,7 +73,7 @@ Result<void> write_chain_head(const std::filesystem::path& folder, const ChainHe
   const std::string beside = file.string() + ".new";
   if (write_durably(beside, object.dump() + '\n') && ::rename(beside.c_str(), file.c_str()) == 0 && sync_folder(folder))
     return {};
-  return fail("store_failed", file.string() + " cannot be written: " + std::strerror(errno));
+  return fail(ErrorCode::store_failed, file.string() + " cannot be written: " + std::strerror(errno));
 }
 
 }  // namespace calib

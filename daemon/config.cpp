@@ -210,7 +210,7 @@ std::chrono::nanoseconds evidence_lifetime(const SamplingConfig& sampling, std::
 Result<Config> parse_config(std::string_view yaml, const std::filesystem::path& file, const Places& places) {
   Config config;
   const auto read = parse_config_text(yaml, file, [&](const ConfigNode& top) { config = read_config(top, places); });
-  if (!read) return tl::unexpected(read.error());
+  if (!read) return propagate(read);
   config.sha256 = sha256_hex(yaml);
   return config;
 }

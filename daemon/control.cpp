@@ -42,7 +42,7 @@ Result<Peer> peer_of(int fd) {
   ucred credentials{};
   socklen_t size = sizeof credentials;
   if (getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &credentials, &size) != 0)
-    return fail("control_socket", system_error("SO_PEERCRED"));
+    return fail(ErrorCode::control_socket, system_error("SO_PEERCRED"));
   const bool may_change = credentials.uid == 0 || credentials.uid == geteuid() || credentials.gid == getegid() ||
                           is_member(credentials.uid, getegid());
   return Peer{credentials.uid, credentials.pid, may_change};
@@ -62,11 +62,11 @@ nlohmann::json refusal(std::string_view code, std::string_view message) {
 }
 
 Result<nlohmann::json> parse_request(std::string_view line) {
-  if (line.size() > max_request_bytes) return fail("bad_request", "a request is one line of at most 64 KiB");
+  if (line.size() > max_request_bytes) return fail(ErrorCode::bad_request, "a request is one line of at most 64 KiB");
   auto request = nlohmann::json::parse(line, nullptr, /*allow_exceptions=*/false);
   if (!request.is_object() || request.value("schema", nlohmann::json()) != 1 || !request.contains("request") ||
       !request["request"].is_string())
-    return fail("bad_request", R"(a request is a JSON object with "schema": 1 and "request")");
+    return fail(ErrorCode::bad_request, R"(a request is a JSON object with "schema": 1 and "request")");
   return request;
 }
 
@@ -78,11 +78,11 @@ Result<ControlSocket> ControlSocket::open(const std::filesystem::path& path) {
   sockaddr_un address{};
   address.sun_family = AF_UNIX;
   if (path.string().size() >= sizeof address.sun_path)
-    return fail("control_socket",
+    return fail(ErrorCode::control_socket,
                 "the path " + path.string() + " is too long for a socket; choose a shorter runtime_dir");
   std::strcpy(address.sun_path, path.c_str());
   if (somebody_listens(address))
-    return fail("control_socket", "another calibd listens on " + path.string() + "; stop it first");
+    return fail(ErrorCode::control_socket, "another calibd listens on " + path.string() + "; stop it first");
   std::error_code ignored;
   std::filesystem::remove(path, ignored);
 
@@ -90,13 +90,14 @@ Result<ControlSocket> ControlSocket::open(const std::filesystem::path& path) {
   socket.answers_ = std::make_shared<Answers>();
   socket.answers_->wake_fd = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
   socket.listen_fd_ = ::socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-  if (socket.answers_->wake_fd < 0 || socket.listen_fd_ < 0) return fail("control_socket", system_error("socket"));
+  if (socket.answers_->wake_fd < 0 || socket.listen_fd_ < 0)
+    return fail(ErrorCode::control_socket, system_error("socket"));
   // Made without rights for others; the group is the daemon's own.
   const mode_t before = umask(0117);
   const bool bound = bind(socket.listen_fd_, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
   umask(before);
   if (!bound || listen(socket.listen_fd_, max_connections) != 0)
-    return fail("control_socket", system_error("cannot listen on " + path.string()));
+    return fail(ErrorCode::control_socket, system_error("cannot listen on " + path.string()));
   socket.path_ = path;
   return socket;
 }
@@ -162,7 +163,7 @@ bool ControlSocket::read_request(std::uint64_t id, Connection& connection, const
   auto request = parse_request(std::string_view(connection.received).substr(0, end));
   connection.received.clear();
   if (!request)
-    answer(refusal(request.error().code, request.error().context));
+    answer(refusal(to_string(request.error().code), request.error().context));
   else
     ask({*std::move(request), connection.peer, answer, connection.left});
   return true;

@@ -11,7 +11,7 @@ using nlohmann::json;
 
 json vector3(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
 
-json encode(const Error& error) { return refusal(error.code, error.context); }
+json encode(const Error& error) { return refusal(to_string(error.code), error.context); }
 
 json encode(const Status& status) { return {{"ok", true}, {"status", to_json(status)}}; }
 
@@ -78,7 +78,7 @@ Result<ControlRequest> decode_request(const json& request) {
   if (what == "status") return StatusRequest{};
   if (what == "records") {
     const json from = request.value("from", json());
-    if (!from.is_number_unsigned() || from == 0U) return fail("bad_request", "\"from\" is a record's number");
+    if (!from.is_number_unsigned() || from == 0U) return fail(ErrorCode::bad_request, "\"from\" is a record's number");
     return RecordsRequest{from.get<std::uint64_t>()};
   }
   if (what == "doctor") {
@@ -89,10 +89,10 @@ Result<ControlRequest> decode_request(const json& request) {
   if (what == "accept") return AcceptRequest{pair_of(request)};
   if (what == "rollback") {
     const json to = request.value("to", json());
-    if (!to.is_null() && !to.is_number_unsigned()) return fail("bad_request", "\"to\" is a record's number or null");
+    if (!to.is_null() && !to.is_number_unsigned()) return fail(ErrorCode::bad_request, "\"to\" is a record's number or null");
     return RollbackRequest{pair_of(request), to.is_null() ? std::nullopt : std::optional(to.get<std::uint64_t>())};
   }
-  return fail("bad_request", "the requests are status, records, doctor, recalibrate, accept and rollback");
+  return fail(ErrorCode::bad_request, "the requests are status, records, doctor, recalibrate, accept and rollback");
 }
 
 json encode_reply(const ControlReply& reply) {

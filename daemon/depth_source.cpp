@@ -41,7 +41,7 @@ Result<std::string> DepthSource::prepare() {
   if (failure_) return tl::unexpected(*failure_);
   if (estimator_ || !has_cameras()) return std::string();
   const auto fails = [this](const Error& error) {
-    return tl::unexpected(*(failure_ = Error{"depth_failed", error.context}));
+    return tl::unexpected(*(failure_ = Error{ErrorCode::depth_failed, error.context}));
   };
   auto made = make_ ? make_(pair_) : make_estimator(pair_.depth, pair_.camera.camera, infos_);
   if (!made) return fails(made.error());
@@ -52,10 +52,10 @@ Result<std::string> DepthSource::prepare() {
 }
 
 Result<DepthMap> DepthSource::estimate(const FramePair& pair) {
-  if (busy_) return fail("depth_failed", "depth is being estimated already; ask again");
-  if (const auto ready = prepare(); !ready) return tl::unexpected(ready.error());
+  if (busy_) return fail(ErrorCode::depth_failed, "depth is being estimated already; ask again");
+  if (const auto ready = prepare(); !ready) return propagate(ready);
   if (!estimator_)
-    return fail("camera_info_missing",
+    return fail(ErrorCode::camera_info_missing,
                 "no CameraInfo told where the right camera is; is depth.right_info the right topic (and camera.info)?");
   return supervise<DepthMap>([&] { return estimator_->estimate(pair); });
 }
@@ -80,8 +80,8 @@ Result<T> DepthSource::supervise(const std::function<Result<T>()>& work) {
   busy_ = false;
   if (!cancelled) return result.get();
   estimator_.reset();  // a cancelled estimator fails ever after
-  if (ending) return fail("depth_failed", "calibd ends");
-  return fail("depth_failed", fmt::format("depth took longer than {:g} s; give it more time (depth.timeout), or less "
+  if (ending) return fail(ErrorCode::depth_failed, "calibd ends");
+  return fail(ErrorCode::depth_failed, fmt::format("depth took longer than {:g} s; give it more time (depth.timeout), or less "
                                           "to do",
                                           std::chrono::duration<double>(pair_.depth_timeout).count()));
 }

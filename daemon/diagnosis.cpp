@@ -21,7 +21,7 @@ Result<void> draw(const std::filesystem::path& file, const FramePair& pair, cons
   unfinished.replace_extension(".new.png");
   if (auto written = write_overlay(unfinished, pair, camera, T_camera_lidar, depth); !written) return written;
   std::filesystem::rename(unfinished, file, error);
-  if (error) return fail("write_failed", file.string() + " cannot be written: " + error.message());
+  if (error) return fail(ErrorCode::write_failed, file.string() + " cannot be written: " + error.message());
   return {};
 }
 
@@ -56,19 +56,19 @@ Result<std::optional<FramePair>> listen(const DiagnosisInput& input, Network& ne
   PairTopics topics = input.topics;
   if (!topics.camera_info) topics.camera_info = conventional_camera_info(topics.image);
   auto window = network.open_window(topics);
-  if (!window) return tl::unexpected(window.error());
+  if (!window) return propagate(window);
   TopicProbe probe(seen, PairBuffer(input.sampling.max_time_difference,
                                     {.right_image = topics.right_image.has_value(), .depth = topics.depth.has_value()}));
   const auto start = steady_clock::now();
   while (keep_going() && steady_clock::now() < start + longest_listening) {
     auto samples = (*window)->wait(std::chrono::milliseconds(200));
-    if (!samples) return tl::unexpected(samples.error());
+    if (!samples) return propagate(samples);
     for (Sample& sample : *samples)
       probe.add(std::move(sample), std::chrono::system_clock::now().time_since_epoch());
     seen.listened = steady_clock::now() - start;
     if (seen.listened < TopicProbe::shortest) continue;
     auto writers = network.remote_writers();
-    if (!writers) return tl::unexpected(writers.error());
+    if (!writers) return propagate(writers);
     seen.writers = std::move(*writers);
     if (probe.has_enough(seen.listened)) break;
   }
@@ -86,14 +86,14 @@ std::optional<DepthMap> try_depth(const DiagnosisInput& input, const FramePair& 
     if (depth) mask_depth(of.image, input.pair.depth_range, *depth);
     return depth;
   };
-  if (auto scene = check_pair(pair, seen.camera, nullptr, {}); !scene && scene.error().code != "image_size_mismatch")
+  if (auto scene = check_pair(pair, seen.camera, nullptr, {}); !scene && scene.error().code != ErrorCode::image_size_mismatch)
     seen.scene = scene.error();
   if (seen.image != size_of(seen.camera)) return std::nullopt;
   auto depth = estimate(pair);
   if (depth)
     seen.depth = trial(*depth, seen, input.T_camera_lidar, pair.scan);
-  else if (seen.depth || seen.depth.error().code == "no_pair")
-    seen.depth = tl::unexpected(depth.error());
+  else if (seen.depth || seen.depth.error().code == ErrorCode::no_pair)
+    seen.depth = propagate(depth);
   seen.extrinsic = examine_extrinsic(seen.camera, input.T_camera_lidar, pair.scan, depth ? &*depth : nullptr);
   if (!depth) return std::nullopt;
   [[maybe_unused]] const bool on = keep_going();  // the examination took its time
@@ -118,9 +118,9 @@ void diagnose_pair(const DiagnosisInput& input, Network& network, DepthSource& d
   seen.interface = input.dds.interface;
   seen.min_valid_depth = QualityLimits{}.min_valid_depth;
   const auto pair = listen(input, network, depth, keep_going, seen);
-  if (!pair) seen.time_difference = tl::unexpected(pair.error());
+  if (!pair) seen.time_difference = propagate(pair);
   if (const auto ready = depth.prepare(); !ready && seen.depth_kind.preparation_failure)
-    seen.depth = fail(std::string(seen.depth_kind.preparation_failure->code), ready.error().context);
+    seen.depth = fail(seen.depth_kind.preparation_failure->code, ready.error().context);
   std::optional<DepthMap> map;
   if (pair && *pair) map = try_depth(input, **pair, depth, keep_going, seen);
   for (Finding& finding : diagnose(seen)) report.checks.push_back({name, std::move(finding)});
@@ -131,7 +131,7 @@ void diagnose_pair(const DiagnosisInput& input, Network& network, DepthSource& d
     report.overlays.push_back({name, file});
   else
     report.checks.push_back({name,
-                             {"picture", FindingResult::warning, drawn.error().code, drawn.error().context,
+                             {"picture", FindingResult::warning, std::string(to_string(drawn.error().code)), drawn.error().context,
                               "state_dir is full or not writable", "make room, or correct state_dir"}});
 }
 

@@ -58,11 +58,11 @@ struct PairSeen {
   std::optional<CameraInfo> camera_info{};
   std::optional<CloudCensus> cloud{};
   /// Samples that belong together, or why there are none.
-  Result<std::chrono::nanoseconds> time_difference = fail("sensor_silent", "nothing arrived");
+  Result<std::chrono::nanoseconds> time_difference = fail(ErrorCode::sensor_silent, "nothing arrived");
   /// Why the scene itself is of little use (dark, ...).
   std::optional<Error> scene{};
   /// Of the pair's own source of depth, which may have refused to work from the start on.
-  Result<DepthTrial> depth = fail("no_pair", "there is no pair of samples to compute it from");
+  Result<DepthTrial> depth = fail(ErrorCode::no_pair, "there is no pair of samples to compute it from");
   double min_valid_depth = 0;
   std::optional<ExtrinsicOpinion> extrinsic{};  // with depth, where there is depth
   std::optional<DepthTrial> swapped{};          // stereo, with the left and right image exchanged

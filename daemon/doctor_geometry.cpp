@@ -157,7 +157,7 @@ Finding judge_scene(const PairSeen& seen) {
   if (!seen.scene) return fine("scene", "light, texture and points are enough to be judged by");
   return {"scene",
           FindingResult::warning,
-          seen.scene->code,
+          std::string(to_string(seen.scene->code)),
           seen.scene->context,
           "not a fault of the configuration, if the scene is like that now; such pairs are not evaluated",
           "ask again where there is light and something to see"};
@@ -173,10 +173,11 @@ bool swapped(const PairSeen& seen) {
 Finding judge_depth(const PairSeen& seen) {
   if (!seen.depth) {
     const Error& error = seen.depth.error();
-    if (error.code == "no_pair") return not_checked("depth", error.context);
+    if (error.code == ErrorCode::no_pair) return not_checked("depth", error.context);
+    const std::string code(to_string(error.code));
     if (const auto& refused = seen.depth_kind.preparation_failure; refused && error.code == refused->code)
-      return problem("depth", error.code, error.context, std::string(refused->cause), std::string(refused->remedy));
-    return problem("depth", error.code, error.context, "the source of depth does not work with what it is given",
+      return problem("depth", code, error.context, std::string(refused->cause), std::string(refused->remedy));
+    return problem("depth", code, error.context, "the source of depth does not work with what it is given",
                    "do what the message says; `calibctl check-config` reads the configuration anew");
   }
   const std::string what = fmt::format("{:.0f} % of the image has depth", 100 * seen.depth->valid_share);

@@ -201,7 +201,8 @@ Finding judge_pairing(const PairSeen& seen, const std::vector<Finding>& findings
   if (seen.companion_size || (seen.image && *seen.image != ImageSize{seen.camera.width(), seen.camera.height()}))
     return {"pairing", FindingResult::not_checked, {}, "images are of another size", {}, {}};
   const Error& error = seen.time_difference.error();
-  return problem("pairing", error.code, error.context, "the sensors are not triggered together, or one stamps late",
+  return problem("pairing", std::string(to_string(error.code)), error.context,
+                 "the sensors are not triggered together, or one stamps late",
                  "synchronise the sensors, or raise sampling.max_time_difference if the vehicle is slow enough for it");
 }
 

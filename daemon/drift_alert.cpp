@@ -54,7 +54,7 @@ Result<DriftAlert> parse_alert(std::string_view text) {
     alert.record_sequence = integer_from<std::uint64_t>(in.at("record_sequence"));
     return alert;
   } catch (const std::exception& exception) {
-    return fail("malformed_alert", std::string("a kept alert cannot be read: ") + exception.what());
+    return fail(ErrorCode::malformed_alert, std::string("a kept alert cannot be read: ") + exception.what());
   }
 }
 

@@ -26,7 +26,7 @@ Result<void> require_open_files() {
   if (opened.size() == needed) return {};
   rlimit limit{};
   getrlimit(RLIMIT_NOFILE, &limit);
-  return fail("too_few_files",
+  return fail(ErrorCode::too_few_files,
               fmt::format("only {} files can be opened, and calibd needs {} ({}; the limit is {}): raise it with "
                           "LimitNOFILE= in the unit, or `ulimit -n` in a shell",
                           opened.size(), needed, std::strerror(error), limit.rlim_cur));

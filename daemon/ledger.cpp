@@ -22,13 +22,13 @@ Ledger::Ledger(Store store, std::filesystem::path head_dir, SigningKey key, Prov
 Result<Ledger> Ledger::open(const std::filesystem::path& state_dir, const std::filesystem::path& head_dir,
                             SigningKey key, Provenance provenance) {
   auto store = Store::open(state_dir / "calibd.db", Store::Mode::read_write);
-  if (!store) return tl::unexpected(store.error());
+  if (!store) return propagate(store);
   Ledger ledger(std::move(*store), head_dir, std::move(key), std::move(provenance));
   auto history = verified_history(ledger.store_, ledger.key_.public_key());
-  if (!history) return tl::unexpected(history.error());
+  if (!history) return propagate(history);
   for (CalibrationRecord& record : *history) {
     if (record.vehicle != ledger.provenance_.vehicle)
-      return fail("other_vehicle", "the records in " + state_dir.string() + " are of vehicle '" + record.vehicle +
+      return fail(ErrorCode::other_vehicle, "the records in " + state_dir.string() + " are of vehicle '" + record.vehicle +
                                        "', the configuration is of '" + ledger.provenance_.vehicle +
                                        "'; correct `vehicle`, or move that folder and " + head_dir.string() + " away");
     ledger.last_sequence_ = record.sequence;
@@ -37,10 +37,10 @@ Result<Ledger> Ledger::open(const std::filesystem::path& state_dir, const std::f
   }
   if (ledger.last_sequence_ > 0) {
     auto sha256 = ledger.sha256_of(ledger.last_sequence_);
-    if (!sha256) return tl::unexpected(sha256.error());
+    if (!sha256) return propagate(sha256);
     ledger.last_sha256_ = std::move(*sha256);
   }
-  if (auto compared = ledger.compare_with_head(); !compared) return tl::unexpected(compared.error());
+  if (auto compared = ledger.compare_with_head(); !compared) return propagate(compared);
   return ledger;
 }
 
@@ -57,7 +57,7 @@ Result<void> Ledger::compare_with_head() {
   } else if (*remembered) {
     head_ = **remembered;
     const auto sha256 = sha256_of(head_.sequence);
-    if (!sha256 && sha256.error().code != "record_not_found") return tl::unexpected(sha256.error());
+    if (!sha256 && sha256.error().code != ErrorCode::record_not_found) return propagate(sha256);
     if (head_.sequence > last_sequence_)
       missing = "records " + std::to_string(last_sequence_ + 1) + " to " + std::to_string(head_.sequence) +
                 ", which calibd had written, are missing";
@@ -93,16 +93,16 @@ const PairHistory& Ledger::history(std::string_view pair) const {
 
 Result<CalibrationRecord> Ledger::find(std::string_view pair, std::uint64_t sequence) const {
   const auto signed_record = store_.record(sequence);
-  if (!signed_record) return tl::unexpected(signed_record.error());
+  if (!signed_record) return propagate(signed_record);
   std::string previous_sha256{no_previous_sha256};
   if (sequence > 1) {
     const auto previous = store_.record(sequence - 1);
-    if (!previous) return tl::unexpected(previous.error());
+    if (!previous) return propagate(previous);
     previous_sha256 = sha256_hex(previous->canonical);
   }
   auto record = verify_record(*signed_record, key_.public_key(), previous_sha256, sequence);
   if (record && record->pair != pair)
-    return fail("record_not_found", "record " + std::to_string(sequence) + " is not of pair " + std::string(pair));
+    return fail(ErrorCode::record_not_found, "record " + std::to_string(sequence) + " is not of pair " + std::string(pair));
   return record;
 }
 
@@ -123,7 +123,7 @@ Result<SignedRecord> Ledger::complete(CalibrationRecord& record, std::string_vie
   auto signed_record = sign_record(record, key_);
   if (!signed_record) return signed_record;
   auto as_written = parse_record(signed_record->canonical);
-  if (!as_written) return tl::unexpected(as_written.error());
+  if (!as_written) return propagate(as_written);
   record = std::move(*as_written);
   return signed_record;
 }
@@ -144,21 +144,21 @@ Result<Ledger::Written> Ledger::write(std::string_view pair, const PairState& st
   const auto done = store_.in_transaction([&]() -> Result<void> {
     if (written.record) {
       const auto signed_record = complete(*written.record, pair, now);
-      if (!signed_record) return tl::unexpected(signed_record.error());
+      if (!signed_record) return propagate(signed_record);
       sequence = written.record->sequence;
       sha256 = sha256_hex(signed_record->canonical);
       if (auto appended = store_.append_record(sequence, pair, *signed_record); !appended) return appended;
     }
     if (written.alert) {
       const auto next = store_.next_alert_sequence();
-      if (!next) return tl::unexpected(next.error());
+      if (!next) return propagate(next);
       written.alert->alert_sequence = *next;
       if (auto queued = store_.enqueue_alert(alert_text(*written.alert)); !queued)
-        return tl::unexpected(queued.error());
+        return propagate(queued);
     }
     return store_.save_state(pair, authenticated(pair, sequence, sha256, state));
   });
-  if (!done) return tl::unexpected(done.error());
+  if (!done) return propagate(done);
   if (written.record) {
     last_sequence_ = sequence;
     last_sha256_ = sha256;
@@ -171,9 +171,9 @@ Result<Ledger::Written> Ledger::write(std::string_view pair, const PairState& st
 
 Result<std::optional<PairState>> Ledger::state(std::string_view pair) const {
   const auto stored = store_.state(pair);
-  if (!stored) return tl::unexpected(stored.error());
+  if (!stored) return propagate(stored);
   if (!*stored) return std::optional<PairState>{};
-  const auto refuse = [](const char* why) { return fail("malformed_state", std::string("the saved state ") + why); };
+  const auto refuse = [](const char* why) { return fail(ErrorCode::malformed_state, std::string("the saved state ") + why); };
   const std::string_view text = **stored;
   const auto end = text.find('\n');
   if (text.starts_with('{')) return refuse("is of an earlier version of calibd");
@@ -190,16 +190,16 @@ Result<std::optional<PairState>> Ledger::state(std::string_view pair) const {
   if (sequence > last_sequence_ || (last != last_of_pair_.end() && last->second > sequence))
     return refuse("is of another time than the records");
   const auto sha256 = sequence == 0 ? Result<std::string>(no_previous_sha256) : sha256_of(sequence);
-  if (!sha256) return tl::unexpected(sha256.error());
+  if (!sha256) return propagate(sha256);
   if (*sha256 != head[2]) return refuse("is of another chain of records");
   auto state = parse_pair_state(body);
-  if (!state) return tl::unexpected(state.error());
+  if (!state) return propagate(state);
   return std::optional<PairState>(std::move(*state));
 }
 
 Result<Ledger::Alerts> Ledger::latest_alerts(std::size_t limit) const {
   const auto latest = store_.latest_alerts(limit);
-  if (!latest) return tl::unexpected(latest.error());
+  if (!latest) return propagate(latest);
   Alerts read;
   for (const Store::Alert& one : *latest)
     if (auto alert = parse_alert(one.json))

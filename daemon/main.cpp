@@ -28,6 +28,7 @@
 namespace {
 
 using calib::Error;
+using calib::ErrorCode;
 using calib::Result;
 
 constexpr int exit_failed = 1;
@@ -63,7 +64,7 @@ Result<int> block_signals() {
   sigaddset(&signals, SIGINT);
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
   const int fd = signalfd(-1, &signals, SFD_NONBLOCK | SFD_CLOEXEC);
-  if (fd < 0) return calib::fail("signals", "signalfd failed");
+  if (fd < 0) return calib::fail(ErrorCode::signals, "signalfd failed");
   return fd;
 }
 
@@ -75,7 +76,7 @@ Result<void> make_directories(const calib::Config& config) {
     std::error_code error;
     std::filesystem::create_directories(directory, error);
     if (error || access(directory.c_str(), W_OK) != 0)
-      return calib::fail("bad_directory", directory.string() +
+      return calib::fail(ErrorCode::bad_directory, directory.string() +
                                               " cannot be written: " + (error ? error.message() : "permission denied") +
                                               "; make it, or choose another in the configuration");
   }
@@ -86,20 +87,20 @@ Result<calib::Provenance> provenance(const calib::Config& config) {
   std::string boot_id = file_bytes("/proc/sys/kernel/random/boot_id");
   boot_id.erase(boot_id.find_last_not_of('\n') + 1);
   const auto software = calib::build_id();
-  if (!software) return tl::unexpected(software.error());
+  if (!software) return propagate(software);
   return calib::Provenance{config.vehicle, config.sha256, calib::version, calib::sha256_hex(*software), boot_id};
 }
 
 Result<std::unique_ptr<calib::Service>> make_service(calib::Config config, calib::SigningKey key) {
   auto known = provenance(config);
-  if (!known) return tl::unexpected(known.error());
+  if (!known) return propagate(known);
   auto ledger = calib::Ledger::open(config.state_dir, config.head_dir, std::move(key), std::move(*known));
-  if (!ledger) return tl::unexpected(ledger.error());
+  if (!ledger) return propagate(ledger);
   const auto log = [](int priority, const std::string& line) {
     calib::journal(priority, calib::message_ids::dds_complains, line);
   };
   auto bus = calib::Bus::open(config.dds.domain, config.dds.interface, calib::max_sample_bytes(config), log);
-  if (!bus) return tl::unexpected(bus.error());
+  if (!bus) return propagate(bus);
   return calib::Service::make(std::move(config), std::move(*ledger), calib::make_network(std::move(*bus)));
 }
 
@@ -133,7 +134,7 @@ int serve(calib::Service& service, calib::ControlSocket& control, int signal_fd)
       else
         reply(request.error());
     } catch (const std::exception& exception) {
-      reply(calib::Error{"failed", exception.what()});
+      reply(calib::Error{ErrorCode::failed, exception.what()});
     }
   };
   while (!ended && !control.serve(200ms, signal_fd, ask)) show();
@@ -189,7 +190,7 @@ int main(int argc, char** argv) {
   const auto signal_fd = block_signals();
   if (!signal_fd) return complain(signal_fd.error(), exit_failed);
   auto key = calib::SigningKey::load(config->signing_key);
-  if (!key && key.error().code == "key_not_found")
+  if (!key && key.error().code == ErrorCode::key_not_found)
     key.error().context += "; make a key with `calibctl keygen --out " + config->signing_key.string() + "`";
   if (!key) return complain(key.error(), exit_config);
   if (auto made = make_directories(*config); !made) return complain(made.error(), exit_config);
@@ -198,9 +199,9 @@ int main(int argc, char** argv) {
   auto service = make_service(std::move(*config), std::move(*key));
   if (!service) {
     // Records that do not verify are for a person to look at; starting again would not mend them.
-    const bool records = service.error().code == "bad_signature" || service.error().code == "broken_chain" ||
-                         service.error().code == "wrong_key" || service.error().code == "malformed_record" ||
-                         service.error().code == "other_vehicle";
+    const bool records = service.error().code == ErrorCode::bad_signature || service.error().code == ErrorCode::broken_chain ||
+                         service.error().code == ErrorCode::wrong_key || service.error().code == ErrorCode::malformed_record ||
+                         service.error().code == ErrorCode::other_vehicle;
     return complain(service.error(), records ? exit_config : exit_failed);
   }
   return serve(**service, *control, *signal_fd);

@@ -16,8 +16,8 @@ constexpr int least_probation_pairs = 5;
 constexpr double surely_worse_sigmas = 3, better_sigmas = 2;
 
 /// What a message was refused for was counted message by message.
-bool counted_on_arrival(std::string_view code) {
-  return code.starts_with("malformed:") || code == "image_size_mismatch" || code == "out_of_memory";
+bool counted_on_arrival(ErrorCode code) {
+  return is_malformed(code) || code == ErrorCode::image_size_mismatch || code == ErrorCode::out_of_memory;
 }
 
 std::string_view message_id(const PairState& state) {
@@ -83,8 +83,9 @@ PairDecision PairPipeline::decide(const PairState& state, Measurement measuremen
 PairDecision PairPipeline::decide(const PairState& state, const Skip& skip, const Now& now) const {
   PairState after = state;
   after.run.windows_without_evidence += skip.windows;
-  after.run.last_skip = skip.error.code + ": " + escape_control(skip.error.context);
-  if (!counted_on_arrival(skip.error.code)) ++after.skipped[skip.error.code];
+  const std::string code(to_string(skip.error.code));
+  after.run.last_skip = code + ": " + escape_control(skip.error.context);
+  if (!counted_on_arrival(skip.error.code)) ++after.skipped[code];
   return conclude(state, std::move(after), now);
 }
 

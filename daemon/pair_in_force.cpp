@@ -50,7 +50,7 @@ PairDecision PairPipeline::end_probation(const PairState& before, PairState afte
 PairDecision PairPipeline::decide(const PairState& state, const Accept& request, const Now& now) const {
   PairDecision decision;
   if (!request.proposal) {
-    decision.answer = fail("not_found", "no proposal waits for an answer");
+    decision.answer = fail(ErrorCode::not_found, "no proposal waits for an answer");
     return decision;
   }
   CalibrationRecord record = *request.proposal;
@@ -65,13 +65,13 @@ PairDecision PairPipeline::decide(const PairState& state, const Accept& request,
 PairDecision PairPipeline::decide(const PairState& state, const RollBack& request, const Now& now) const {
   PairDecision decision;
   if (!request.target) {
-    decision.answer = fail("not_found", "there is no earlier extrinsic to go back to");
+    decision.answer = fail(ErrorCode::not_found, "there is no earlier extrinsic to go back to");
     return decision;
   }
   const CalibrationRecord& target = *request.target;
   if (!puts_in_force(target.decision)) {
     decision.answer =
-        fail("bad_request", fmt::format("record {} put nothing in force, it is {}; name an initial, accepted or "
+        fail(ErrorCode::bad_request, fmt::format("record {} put nothing in force, it is {}; name an initial, accepted or "
                                         "rolled_back one",
                                         target.sequence, to_string(target.decision)));
     return decision;

@@ -51,18 +51,18 @@ Result<Measurement> PairPipeline::measure(const FramePair& pair, const PairState
   // Light, texture and motion, before anything costs time.
   const SceneThumbnail* last_scene = state.run.last_scene ? &*state.run.last_scene : nullptr;
   if (auto usable = check_pair(pair, settings_.camera, last_scene, settings_.quality); !usable)
-    return tl::unexpected(usable.error());
+    return propagate(usable);
 
   // Depth of the image, where it can be believed.
   auto depth_map = depth.estimate(pair);
-  if (!depth_map) return tl::unexpected(depth_map.error());
+  if (!depth_map) return propagate(depth_map);
   mask_depth(pair.image, settings_.quality.depth_range, *depth_map);
-  if (auto usable = check_depth(*depth_map, settings_.quality); !usable) return tl::unexpected(usable.error());
+  if (auto usable = check_depth(*depth_map, settings_.quality); !usable) return propagate(usable);
 
   // Ranks of depth and of range, of the points that can come into view.
   auto features = make_features(pair, *depth_map, settings_.camera, state.T_camera_lidar,
                                 {.bounds = settings_.bounds, .min_points = settings_.quality.min_points});
-  if (!features) return tl::unexpected(features.error());
+  if (!features) return propagate(features);
 
   // Mutual information at the extrinsic in force and one step to either side of it along each axis.
   const Objective objective = drift_objective(settings_.monocular_depth);
@@ -90,7 +90,7 @@ Result<RestoredPair> PairPipeline::restore(const Result<std::optional<PairState>
     decision.record->T_camera_lidar = T_camera_lidar;
     return restored;
   }
-  if (!saved && saved.error().code != "malformed_state") return tl::unexpected(saved.error());  // it may well be there
+  if (!saved && saved.error().code != ErrorCode::malformed_state) return propagate(saved);  // it may well be there
   std::string set_aside;
   if (saved && *saved) {
     state = **saved;

@@ -96,7 +96,7 @@ Result<PairPipeline::Search> PairPipeline::search(const PairState& state,
                                                   const std::function<bool()>& keep_going) const try {
   const auto frames = eligible_frames(state);
   if (frames.size() < wanted_frames())
-    return fail("not_ready", "only " + progress(state) + " good pairs are at hand; try again when there are more");
+    return fail(ErrorCode::not_ready, "only " + progress(state) + " good pairs are at hand; try again when there are more");
   std::vector<const FeatureSet*> fit, held_back;
   Search search;
   for (std::size_t i = 0; i < frames.size(); ++i) {
@@ -106,22 +106,22 @@ Result<PairPipeline::Search> PairPipeline::search(const PairState& state,
   RecalibrationSettings settings = recalibration_settings(state);
   settings.keep_going = keep_going;
   auto result = recalibrate(fit, held_back, state.T_camera_lidar, settings);
-  if (!result) return tl::unexpected(result.error());
+  if (!result) return propagate(result);
   search.result = std::move(*result);
   return search;
 } catch (const std::exception& exception) {
-  return fail("recalibration_failed", std::string("the recalibration was broken off: ") + exception.what());
+  return fail(ErrorCode::recalibration_failed, std::string("the recalibration was broken off: ") + exception.what());
 }
 
 PairDecision PairPipeline::decide(const PairState& state, const Recalibrate& request, const Now& now) const {
   PairDecision decision;
   const auto found = search(state, request.keep_going);
   if (!found) {
-    if (found.error().code == "recalibration_failed") {
+    if (found.error().code == ErrorCode::recalibration_failed) {
       decision.state = state;
-      ++decision.state->skipped[found.error().code];
+      ++decision.state->skipped[std::string(to_string(found.error().code))];
     }
-    decision.answer = fail(found.error().code == "not_ready" ? "not_ready" : "failed", found.error().context);
+    decision.answer = fail(found.error().code == ErrorCode::not_ready ? ErrorCode::not_ready : ErrorCode::failed, found.error().context);
     return decision;
   }
   const Recalibration& result = found->result;

@@ -190,13 +190,13 @@ std::string to_text(const PairState& state) {
 Result<PairState> parse_pair_state(std::string_view text) {
   try {
     const json in = json::parse(text);
-    if (in.at("schema") != 3) return fail("malformed_state", "the saved state is of another version");
+    if (in.at("schema") != 3) return fail(ErrorCode::malformed_state, "the saved state is of another version");
     PairState state;
     state.drift = drift_from(in.at("drift"));
     state.evidence_sha256 = in.at("evidence_sha256").get<std::string>();
     if (!in.at("unresolved").is_null()) state.unresolved = in.at("unresolved").get<std::string>();
     const auto verdict = parse_verdict(in.at("verdict").get<std::string>());
-    if (!verdict) return fail("malformed_state", "the saved state cannot be read: " + verdict.error().context);
+    if (!verdict) return fail(ErrorCode::malformed_state, "the saved state cannot be read: " + verdict.error().context);
     state.verdict = *verdict;
     state.reason = in.at("reason").get<std::string>();
     state.since = WallTime(integer_from<std::int64_t>(in.at("since_ns")));
@@ -210,12 +210,13 @@ Result<PairState> parse_pair_state(std::string_view text) {
       state.proposed_record = integer_from<std::uint64_t>(in.at("proposed_record"));
     if (!in.at("probation").is_null()) state.probation = probation_from(in.at("probation"));
     state.refusals = integer_from<int>(in.at("refusals"));
-    if (state.refusals < 0) return fail("malformed_state", "the saved state has a negative number of refusals");
+    if (state.refusals < 0)
+      return fail(ErrorCode::malformed_state, "the saved state has a negative number of refusals");
     state.retry_at = integer_from<std::uint64_t>(in.at("retry_at"));
     state.recalibrated = time_from(in.at("recalibrated_ns"));
     return state;
   } catch (const std::exception& exception) {
-    return fail("malformed_state", std::string("the saved state cannot be read: ") + exception.what());
+    return fail(ErrorCode::malformed_state, std::string("the saved state cannot be read: ") + exception.what());
   }
 }
 

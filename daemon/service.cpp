@@ -31,13 +31,13 @@ Result<std::unique_ptr<Service>> Service::make(Config config, Ledger ledger, std
     log(3, message_ids::records_missing, *missing + "; calibd goes on with the records that there are");
   // Alerts that were written but perhaps not sent, and extrinsics that late readers must see.
   const auto latest = service->ledger_.latest_alerts(32);
-  if (!latest) return tl::unexpected(latest.error());
+  if (!latest) return propagate(latest);
   for (const Error& unreadable : latest->unreadable)
     log(4, message_ids::store_failed, unreadable.context + "; it is left where it is, and not sent");
   for (const DriftAlert& alert : latest->alerts)
-    if (auto sent = service->network_->publish_alert(alert); !sent) return tl::unexpected(sent.error());
+    if (auto sent = service->network_->publish_alert(alert); !sent) return propagate(sent);
   for (const PairConfig& pair : service->config_.pairs)
-    if (auto restored = service->restore(pair); !restored) return tl::unexpected(restored.error());
+    if (auto restored = service->restore(pair); !restored) return propagate(restored);
   service->publish_extrinsics();
   service->collect_status();
   return service;
@@ -50,7 +50,7 @@ Result<void> Service::restore(const PairConfig& config) {
       .config = &config, .topics = topics_of(config), .pipeline = std::move(pipeline), .depth = std::move(depth)});
   Pair& pair = *owned;
   auto restored = pair.pipeline.restore(ledger_.state(config.name), config.T_camera_lidar, now(pair));
-  if (!restored) return tl::unexpected(restored.error());
+  if (!restored) return propagate(restored);
   const bool is_new = restored->decision.record.has_value();
   pair.state = std::move(restored->state);
   const bool committed = commit(pair, restored->decision);
@@ -120,7 +120,7 @@ Result<Answer> Service::apply_request(Pair& pair, PairDecision decision) {
   Result<Answer> answer = std::move(decision.answer);
   apply(pair, std::move(decision));
   if (changes && answer && pair.store_failure)
-    return fail("failed", "the record could not be written; see the journal");
+    return fail(ErrorCode::failed, "the record could not be written; see the journal");
   return answer;
 }
 
@@ -149,7 +149,7 @@ Result<Answer> Service::accept(std::size_t index, std::string asked_by) {
   Accept request{.asked_by = std::move(asked_by), .proposal = {}};
   if (pair.state.proposed_record) {
     auto proposal = ledger_.find(pair.config->name, *pair.state.proposed_record);
-    if (!proposal) return fail("failed", proposal.error().context);
+    if (!proposal) return fail(ErrorCode::failed, proposal.error().context);
     request.proposal = std::move(*proposal);
   }
   return apply_request(pair, pair.pipeline.decide(pair.state, request, now(pair)));
@@ -164,7 +164,7 @@ Result<Answer> Service::roll_back(std::size_t index, std::optional<std::uint64_t
   if (to) {
     auto target = ledger_.find(name, *to);
     if (!target)
-      return fail(target.error().code == "record_not_found" ? "not_found" : "failed", target.error().context);
+      return fail(target.error().code == ErrorCode::record_not_found ? ErrorCode::not_found : ErrorCode::failed, target.error().context);
     request.target = std::move(*target);
   }
   return apply_request(pair, pair.pipeline.decide(pair.state, request, now(pair)));
@@ -176,7 +176,7 @@ Result<void> Service::run(const std::function<void()>& alive) {
   while (!stopping()) {
     for (std::size_t i = 0; i < pairs_.size(); ++i) {
       if (!stopping()) sample(i);
-      if (const auto& failure = pairs_[i]->store_failure; failure && failure->code == "store_moved")
+      if (const auto& failure = pairs_[i]->store_failure; failure && failure->code == ErrorCode::store_moved)
         return tl::unexpected(*failure);
       answer_requests();
       alive_();
@@ -229,7 +229,7 @@ void Service::ask(PendingRequest request) {
   if (requests_.size() >= most_requests)
     std::erase_if(requests_, [](const PendingRequest& waiting) { return waiting.asker_left->load(); });
   if (requests_.size() >= most_requests) {
-    request.reply(Error{"failed", "too many requests wait; ask later"});
+    request.reply(Error{ErrorCode::failed, "too many requests wait; ask later"});
     return;
   }
   requests_.push_back(std::move(request));
@@ -244,12 +244,12 @@ void Service::answer_requests() {
     requests.swap(requests_);
   }
   for (const PendingRequest& request : requests)
-    request.reply(stopping() ? ControlReply(Error{"failed", "calibd ends"}) : answer(request));
+    request.reply(stopping() ? ControlReply(Error{ErrorCode::failed, "calibd ends"}) : answer(request));
 }
 
 Result<std::size_t> Service::find(const std::string& name) const {
   const auto found = std::ranges::find_if(pairs_, [&](const auto& pair) { return pair->config->name == name; });
-  if (found == pairs_.end()) return fail("not_found", "there is no pair '" + escape_control(name) + "'");
+  if (found == pairs_.end()) return fail(ErrorCode::not_found, "there is no pair '" + escape_control(name) + "'");
   return static_cast<std::size_t>(found - pairs_.begin());
 }
 
@@ -265,7 +265,7 @@ ControlReply Service::answer(const DiagnosisRequest& request, const Peer&) try {
     if (const auto pair = find(*request.pair); !pair) return pair.error();
   return diagnose_pairs(request.pair);
 } catch (const std::exception& exception) {
-  return Error{"failed", exception.what()};
+  return Error{ErrorCode::failed, exception.what()};
 }
 
 ControlReply Service::answer(const RecalibrationRequest& request, const Peer& peer) {
@@ -311,7 +311,7 @@ DiagnosisReport Service::diagnose_pairs(const std::optional<std::string>& name) 
 ControlReply Service::change(const std::string& name, const Peer& peer,
                              const std::function<Result<Answer>(std::size_t pair, std::string asked_by)>& make) {
   if (!peer.may_change)
-    return Error{"denied", "only root, the daemon's user and members of its group may ask for changes"};
+    return Error{ErrorCode::denied, "only root, the daemon's user and members of its group may ask for changes"};
   const auto pair = find(name);
   if (!pair) return pair.error();
   auto answer = make(*pair, "uid:" + std::to_string(peer.uid));

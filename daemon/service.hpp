@@ -147,7 +147,7 @@ class Service {
 
   // Of the thread that shows things.
   std::chrono::nanoseconds next_diagnostics_{};
-  std::set<std::string> failures_logged_;
+  std::set<ErrorCode> failures_logged_;
   std::string verdicts_shown_;
   std::uint64_t collection_shown_ = 0;
 

@@ -13,7 +13,7 @@ using namespace std::chrono_literals;
 /// than the last digits that people write down.
 std::optional<Error> contradiction(const CameraInfo& info, const Camera& camera) {
   if (info.width != camera.width() || info.height != camera.height())
-    return Error{"camera_info_mismatch", "CameraInfo is for " + std::to_string(info.width) + " x " +
+    return Error{ErrorCode::camera_info_mismatch, "CameraInfo is for " + std::to_string(info.width) + " x " +
                                              std::to_string(info.height) + " pixels; correct camera.size"};
   const bool rectified = camera.model() == CameraModel::rectified;
   const std::array<double, 4> theirs = rectified ? std::array{info.P[0], info.P[5], info.P[2], info.P[6]}
@@ -21,7 +21,7 @@ std::optional<Error> contradiction(const CameraInfo& info, const Camera& camera)
   const std::array<double, 4> ours{camera.fx(), camera.fy(), camera.cx(), camera.cy()};
   for (std::size_t i = 0; i < ours.size(); ++i)
     if (std::abs(theirs[i] - ours[i]) > 0.5)
-      return Error{"camera_info_mismatch", std::string("CameraInfo's ") + (rectified ? "P" : "K") +
+      return Error{ErrorCode::camera_info_mismatch, std::string("CameraInfo's ") + (rectified ? "P" : "K") +
                                                " differs from camera.intrinsics; correct the configuration"};
   return std::nullopt;
 }
@@ -49,9 +49,9 @@ std::variant<Measurement, Skip> Service::measure(Pair& pair) try {
   return std::move(*measurement);
 } catch (const std::bad_alloc&) {
   ++pair.state.skipped["out_of_memory"];
-  return Skip{{"out_of_memory", "there was no memory for a pair; give calibd more (MemoryMax=), or smaller samples"}};
+  return Skip{{ErrorCode::out_of_memory, "there was no memory for a pair; give calibd more (MemoryMax=), or smaller samples"}};
 } catch (const std::exception& exception) {
-  return Skip{{"internal_error", std::string("a pair could not be evaluated: ") + exception.what()}};
+  return Skip{{ErrorCode::internal_error, std::string("a pair could not be evaluated: ") + exception.what()}};
 }
 
 /// Why the pair's source of depth is of no use, if it is. One that failed stays so, and nothing can be said of the pair.
@@ -62,7 +62,7 @@ std::optional<Skip> Service::prepare(Pair& pair) {
     if (!remark->empty()) surroundings_.log(5, message_ids::depth_prepared, name + ": " + *remark);
     return std::nullopt;
   }
-  const std::string failure = remark.error().code + ": " + escape_control(remark.error().context);
+  const std::string failure = std::string(to_string(remark.error().code)) + ": " + escape_control(remark.error().context);
   if (!stopping() && pair.depth_failure != failure) {
     pair.depth_failure = failure;
     surroundings_.log(3, message_ids::depth_failed, name + ": " + failure + "; this pair is not evaluated");
@@ -76,22 +76,22 @@ Result<FramePair> Service::collect(Pair& pair) {
   if (const auto right = pair.depth->right_image_size())
     pair.topics.right_bound = ImageBound::exactly(*right, "the CameraInfo of depth.right_info");
   auto window = network_->open_window(pair.topics);
-  if (!window) return tl::unexpected(window.error());
+  if (!window) return propagate(window);
   PairBuffer buffer(config_.sampling.max_time_difference, {.right_image = pair.topics.right_image.has_value(),
                                                            .depth = pair.topics.depth.has_value(),
                                                            .turn_rate = pair.topics.motion.has_value()});
   std::optional<Error> refused;
   for (auto left = config_.sampling.window; left > left.zero(); left = end - surroundings_.clock().since_boot) {
     auto samples = (*window)->wait(std::min<std::chrono::nanoseconds>(left, 200ms));
-    if (!samples) return tl::unexpected(samples.error());
+    if (!samples) return propagate(samples);
     for (Sample& sample : *samples)
       if (auto error = receive(pair, std::move(sample), buffer)) refused = std::move(error);
     while (auto frames = pair.depth->has_cameras() ? buffer.take() : std::nullopt) {
       if (frames->image.stamp == pair.state.last_stamp) {
-        refused = Error{"duplicate_frame", "the image has the stamp of the last one; does the camera stand still?"};
+        refused = Error{ErrorCode::duplicate_frame, "the image has the stamp of the last one; does the camera stand still?"};
         continue;
       }
-      if (refused && refused->code == "camera_info_mismatch") return tl::unexpected(*refused);
+      if (refused && refused->code == ErrorCode::camera_info_mismatch) return tl::unexpected(*refused);
       return std::move(*frames);
     }
     if (!keep_going()) break;
@@ -125,7 +125,7 @@ std::optional<Error> Service::receive(Pair& pair, Sample sample, PairBuffer& buf
   } else if (const auto* right_info = std::get_if<RightCameraInfo>(&sample)) {
     pair.depth->set_right_camera_info(right_info->info);
   } else if (const auto* malformed = std::get_if<Malformed>(&sample)) {
-    ++pair.state.skipped[malformed->error.code];  // a counter, saved with the next decision
+    ++pair.state.skipped[std::string(to_string(malformed->error.code))];  // a counter, saved with the next decision
     return Error{malformed->error.code, malformed->topic + ": " + malformed->error.context};
   }
   return std::nullopt;

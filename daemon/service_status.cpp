@@ -74,12 +74,12 @@ Result<RecordsPage> Service::records(std::uint64_t from) const {
   constexpr std::size_t most_bytes = 1 << 20;
   const auto store = Store::open(config_.state_dir / "calibd.db", Store::Mode::read_only);
   const auto stored = store.and_then([](const Store& opened) { return opened.record_count(); });
-  if (!stored) return fail("failed", stored.error().context);
+  if (!stored) return fail(ErrorCode::failed, stored.error().context);
   RecordsPage page{.stored = *stored, .records = {}};
   std::size_t bytes = 0;
   for (auto sequence = from; sequence <= *stored && bytes < most_bytes; ++sequence) {
     auto record = store->record(sequence);
-    if (!record && record.error().code != "record_not_found") return fail("failed", record.error().context);
+    if (!record && record.error().code != ErrorCode::record_not_found) return fail(ErrorCode::failed, record.error().context);
     page.records.push_back(record ? std::move(*record) : SignedRecord{});
     bytes += page.records.back().canonical.size() + page.records.back().signature.size();
   }

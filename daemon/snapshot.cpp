@@ -10,11 +10,11 @@ Result<void> write_snapshot(const std::filesystem::path& file, const Status& sta
   {
     std::ofstream out(beside, std::ios::binary | std::ios::trunc);
     out << to_json(status).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) << '\n';
-    if (!out.flush()) return fail("snapshot_failed", beside.string() + " cannot be written");
+    if (!out.flush()) return fail(ErrorCode::snapshot_failed, beside.string() + " cannot be written");
   }
   std::error_code error;
   std::filesystem::rename(beside, file, error);
-  if (error) return fail("snapshot_failed", file.string() + " cannot be replaced: " + error.message());
+  if (error) return fail(ErrorCode::snapshot_failed, file.string() + " cannot be replaced: " + error.message());
   return {};
 }
 

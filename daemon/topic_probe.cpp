@@ -115,7 +115,7 @@ void TopicProbe::note(Malformed& malformed, WallTime arrival) {
       seen_.companion_size = fmt::format("{}: {}", malformed.topic, malformed.error.context);
     return;
   }
-  ++topic->malformed[malformed.error.code];
+  ++topic->malformed[std::string(to_string(malformed.error.code))];
   topic->malformed_context = malformed.error.context;
 }
 

@@ -21,8 +21,8 @@ int main(int argc, char** argv) {
   const auto drive = open_kitti_raw(folder);
   const auto recorded = drive.and_then(vehicle::recorded_vehicle);
   if (!recorded) {
-    std::cerr << recorded.error().code << ": " << escape_control(recorded.error().context) << '\n';
-    return recorded.error().code == "recording_not_found" ? 3 : 1;
+    std::cerr << to_string(recorded.error().code) << ": " << escape_control(recorded.error().context) << '\n';
+    return recorded.error().code == ErrorCode::recording_not_found ? 3 : 1;
   }
   if (!loop) options.frames = std::min(options.frames.value_or(drive->size()), drive->size());
   return vehicle::play(*recorded, options);

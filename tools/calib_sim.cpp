@@ -61,14 +61,14 @@ int main(int argc, char** argv) {
     return app.exit(error) == 0 ? 0 : 2;
   }
   const auto usage = [](const Error& error) {
-    std::cerr << error.code << ": " << error.context << '\n';
+    std::cerr << to_string(error.code) << ": " << error.context << '\n';
     return 2;
   };
   if (vary) {
     const auto dumped =
         vehicle::dump_varied_views(options.dump, simulation.seed, *options.frames, simulation.width, simulation.height);
     if (dumped) return 0;
-    std::cerr << dumped.error().code << ": " << escape_control(dumped.error().context) << '\n';
+    std::cerr << to_string(dumped.error().code) << ": " << escape_control(dumped.error().context) << '\n';
     return 1;
   }
   if (!camera.empty()) {

@@ -55,30 +55,28 @@ void Bus::EndLog::operator()(LogLimit* log) const {
 Result<Bus> Bus::open(std::uint32_t domain, std::string_view interface, std::uint32_t max_sample_bytes,
                       LogLimit::Write log) {
   if (!is_interface_name(interface))
-    return fail("bad_interface", "a network interface is named like lo, eth0 or auto");
+    return fail(ErrorCode::bad_interface, "a network interface is named like lo, eth0 or auto");
   Bus bus;
   bus.log_.reset(new LogLimit("Cyclone DDS", &std::chrono::steady_clock::now,
                               log ? std::move(log) : LogLimit::Write(&to_standard_error)));
   dds_set_log_sink(&hear_cyclone, bus.log_.get());
   const auto opened = [&](Result<Entity> entity, Entity& into) -> Result<void> {
-    if (!entity) return tl::unexpected(entity.error());
+    if (!entity) return propagate(entity);
     into = std::move(*entity);
     return {};
   };
   auto result = opened(own(dds_create_domain(domain, cyclone_configuration(interface, max_sample_bytes).c_str()),
                            fmt::format("DDS domain {} on interface {}", domain, interface)),
                        bus.domain_);
+  if (result) result = opened(own(dds_create_participant(domain, nullptr, nullptr), "participant"), bus.participant_);
   if (result)
-    result = opened(own(dds_create_participant(domain, nullptr, nullptr), "participant"), bus.participant_);
-  if (result)
-    result =
-        opened(own(dds_create_guardcondition(bus.participant_.get()), "guard condition"), bus.interrupt_);
-  if (!result) return tl::unexpected(result.error());
+    result = opened(own(dds_create_guardcondition(bus.participant_.get()), "guard condition"), bus.interrupt_);
+  if (!result) return propagate(result);
 
   const auto write = [&](const MessageType& type, std::string_view topic, const Keeping& keeping,
                          Endpoint& into) -> Result<void> {
     auto writer = make_writer(bus.participant_.get(), type, topic, keeping);
-    if (!writer) return tl::unexpected(writer.error());
+    if (!writer) return propagate(writer);
     into = std::move(*writer);
     return {};
   };
@@ -88,9 +86,9 @@ Result<Bus> Bus::open(std::uint32_t domain, std::string_view interface, std::uin
     result = write(transforms_type, "/calibd/tf_static_proposed",
                    {.reliable = true, .durable = true, .depth = 1}, bus.proposed_);
   if (result)
-    result = write(drift_alert_type, "/calibd/drift_alert", {.reliable = true, .durable = true, .depth = 32},
-                   bus.alerts_);
-  if (!result) return tl::unexpected(result.error());
+    result =
+        write(drift_alert_type, "/calibd/drift_alert", {.reliable = true, .durable = true, .depth = 32}, bus.alerts_);
+  if (!result) return propagate(result);
   return bus;
 }
 

@@ -87,7 +87,7 @@ Result<void> check_jpeg(Bytes bytes) {
       const Bytes frame = segment->body;
       if (++frames > 1 || segment->marker > 0xC2 || frame.size() < 6 || frame[0] != 8 ||
           (frame[5] != 1 && frame[5] != 3))
-        return fail("malformed:compressed_format",
+        return fail(ErrorCode::malformed_compressed_format,
                     "a JPEG is taken with one frame of 8 bits, grey or of 3 colours, baseline or progressive, in "
                     "Huffman's code");
     } else if (segment->marker == start_of_scan) {
@@ -100,10 +100,10 @@ Result<void> check_jpeg(Bytes bytes) {
     }
   }
   if (scans > max_jpeg_scans)
-    return fail("malformed:compressed_scans", "the JPEG has " + std::to_string(scans) + " scans where " +
-                                                  std::to_string(max_jpeg_scans) + " are allowed");
+    return fail(ErrorCode::malformed_compressed_scans, "the JPEG has " + std::to_string(scans) + " scans where " +
+                                                           std::to_string(max_jpeg_scans) + " are allowed");
   if (whole && frames == 1 && scans > 0) return {};
-  return fail("malformed:compressed_data", "the JPEG is cut short, or more follows its end");
+  return fail(ErrorCode::malformed_compressed_data, "the JPEG is cut short, or more follows its end");
 }
 
 // PNG: chunks, of which the first is IHDR.
@@ -137,16 +137,16 @@ Result<void> check_png(Bytes bytes) {
     at += 12 + chunk->body.size();
     if (chunk->kind == "IEND") return {};
     if (chunk->kind == "acTL" || chunk->kind == "fcTL" || chunk->kind == "fdAT")
-      return fail("malformed:compressed_format", "the PNG is animated");
+      return fail(ErrorCode::malformed_compressed_format, "the PNG is animated");
     if (chunk->kind == "IDAT") continue;
     metadata_bytes += 12 + chunk->body.size();
     compressed_metadata += chunk->kind == "iCCP" || chunk->kind == "zTXt" || chunk->kind == "iTXt";
     if (metadata_bytes > max_png_metadata_bytes || compressed_metadata > max_png_compressed_metadata)
-      return fail("malformed:compressed_metadata", "the PNG holds more than 1 MiB beside its pixels, or more than " +
-                                                       std::to_string(max_png_compressed_metadata) +
-                                                       " compressed texts and profiles");
+      return fail(ErrorCode::malformed_compressed_metadata,
+                  "the PNG holds more than 1 MiB beside its pixels, or more than " +
+                      std::to_string(max_png_compressed_metadata) + " compressed texts and profiles");
   }
-  return fail("malformed:compressed_data", "the PNG is cut short");
+  return fail(ErrorCode::malformed_compressed_data, "the PNG is cut short");
 }
 
 }  // namespace
@@ -156,13 +156,14 @@ Result<CompressedHeader> probe_compressed(Bytes bytes) {
   constexpr std::uint8_t jpeg[] = {0xFF, start_of_image, 0xFF};
   const bool is_png = bytes.size() >= 8 && std::ranges::equal(bytes.first(8), png);
   const bool is_jpeg = bytes.size() >= 3 && std::ranges::equal(bytes.first(3), jpeg);
-  if (!is_png && !is_jpeg) return fail("malformed:compressed_format", "data begins neither as a JPEG nor as a PNG");
+  if (!is_png && !is_jpeg)
+    return fail(ErrorCode::malformed_compressed_format, "data begins neither as a JPEG nor as a PNG");
   std::optional<ImageSize> size;
   if (is_jpeg)
     size = jpeg_size(bytes);
   else if (const auto header = png_header(bytes))
     size = in_bounds(big_endian(header->first(4)), big_endian(header->subspan(4, 4)));
-  if (!size) return fail("malformed:compressed_dimensions", "its header gives no size in 1 .. 64 Mpx");
+  if (!size) return fail(ErrorCode::malformed_compressed_dimensions, "its header gives no size in 1 .. 64 Mpx");
   return CompressedHeader{is_png ? Compression::png : Compression::jpeg, *size};
 }
 

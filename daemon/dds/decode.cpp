@@ -81,21 +81,20 @@ struct PointLayout {
 
 Result<PointLayout> point_layout(const sensor_msgs_msg_dds__PointCloud2_& message) {
   if (message.fields._length > max_fields)
-    return fail("malformed:fields", std::to_string(message.fields._length) + " fields where 64 are allowed");
+    return fail(ErrorCode::malformed_fields, std::to_string(message.fields._length) + " fields where 64 are allowed");
   std::array<std::optional<Field>, 3> xyz;
   std::optional<Field> intensity, reflectance;
   for (const auto& field : std::span(message.fields._buffer, message.fields._length)) {
     if (field.datatype < 1 || field.datatype > 8)
-      return fail("malformed:field_type",
-                  "datatype " + std::to_string(field.datatype) + " is none of 1 .. 8");
+      return fail(ErrorCode::malformed_field_type, "datatype " + std::to_string(field.datatype) + " is none of 1 .. 8");
     const auto type = static_cast<Datatype>(field.datatype);
     if (std::uint64_t{field.offset} + size_of(type) * field.count > message.point_step)
-      return fail("malformed:field_bounds", "a field reaches past point_step");
+      return fail(ErrorCode::malformed_field_bounds, "a field reaches past point_step");
     const std::string_view name = text(field.name);
     if (name == "x" || name == "y" || name == "z") {
       std::optional<Field>& axis = xyz[name[0] - 'x'];
       if (axis || field.count != 1 || (type != Datatype::float32 && type != Datatype::float64))
-        return fail("malformed:xyz",
+        return fail(ErrorCode::malformed_xyz,
                     "field " + std::string(name) + " must be there once, as one FLOAT32 or FLOAT64");
       axis = Field{field.offset, type};
     } else if (field.count >= 1 && name == "intensity") {
@@ -104,7 +103,7 @@ Result<PointLayout> point_layout(const sensor_msgs_msg_dds__PointCloud2_& messag
       reflectance = Field{field.offset, type};
     }
   }
-  if (!xyz[0] || !xyz[1] || !xyz[2]) return fail("malformed:xyz", "a cloud needs the fields x, y and z");
+  if (!xyz[0] || !xyz[1] || !xyz[2]) return fail(ErrorCode::malformed_xyz, "a cloud needs the fields x, y and z");
   return PointLayout{*xyz[0], *xyz[1], *xyz[2], intensity ? intensity : reflectance};
 }
 
@@ -140,14 +139,15 @@ class Ranges {
 Result<void> check_rows(const sensor_msgs_msg_dds__PointCloud2_& message, std::uint64_t height,
                         std::uint64_t row_bytes) {
   if (message.row_step < row_bytes)
-    return fail("malformed:row_step", "row_step is less than width * point_step = " + std::to_string(row_bytes));
+    return fail(ErrorCode::malformed_row_step,
+                "row_step is less than width * point_step = " + std::to_string(row_bytes));
   const std::uint64_t needed = (height - 1) * message.row_step + row_bytes;
   if (message.data._length < needed)
-    return fail("malformed:cloud_data", "fewer bytes of data than height, row_step and width promise");
+    return fail(ErrorCode::malformed_cloud_data, "fewer bytes of data than height, row_step and width promise");
   if (height > 1 && message.row_step > row_bytes + max_row_padding)
-    return fail("malformed:row_step", "rows are padded by more than 4096 bytes");
+    return fail(ErrorCode::malformed_row_step, "rows are padded by more than 4096 bytes");
   if (message.data._length > needed + max_row_padding + max_data_slack)
-    return fail("malformed:cloud_data", "more bytes of data than height, row_step and width promise");
+    return fail(ErrorCode::malformed_cloud_data, "more bytes of data than height, row_step and width promise");
   return {};
 }
 
@@ -174,24 +174,25 @@ Result<Lens> lens(std::string_view model, std::span<const double> d) {
   };
   const std::string shown = "distortion model '" + escape_control(model.substr(0, 32)) + "' ";
   const std::string counted = shown + "with " + std::to_string(count) + " coefficients in D: ";
-  if (!all_finite(d)) return fail("malformed:distortion", counted + "one is not finite");
+  if (!all_finite(d)) return fail(ErrorCode::malformed_distortion, counted + "one is not finite");
   if (model.empty() || model == "none") {
     if (zero_from(0)) return make(CameraModel::rectified, 0);
-    return fail("malformed:distortion", counted + "without a model none may be there");
+    return fail(ErrorCode::malformed_distortion, counted + "without a model none may be there");
   }
   if (model == "plumb_bob") {
     if (count == 0 || count == 4 || count == 5) return make(CameraModel::plumb_bob, 5);
-    return fail("malformed:distortion", counted + "4 or 5 are needed");
+    return fail(ErrorCode::malformed_distortion, counted + "4 or 5 are needed");
   }
   if (model == "rational_polynomial") {
     if ((count == 8 || count == 12 || count == 14) && zero_from(8)) return make(CameraModel::rational_polynomial, 8);
-    return fail("malformed:distortion", counted + "8 are needed, and thin prism and tilt must be zero");
+    return fail(ErrorCode::malformed_distortion, counted + "8 are needed, and thin prism and tilt must be zero");
   }
   if (model == "equidistant" || model == "fisheye") {
     if (count == 4) return make(CameraModel::equidistant, 4);
-    return fail("malformed:distortion", counted + "4 are needed");
+    return fail(ErrorCode::malformed_distortion, counted + "4 are needed");
   }
-  return fail("malformed:distortion", shown + "is none of plumb_bob, rational_polynomial, equidistant, fisheye, none");
+  return fail(ErrorCode::malformed_distortion,
+              shown + "is none of plumb_bob, rational_polynomial, equidistant, fisheye, none");
 }
 
 /// The part of one side of the sensor that an image shows.
@@ -208,10 +209,11 @@ struct Extent {
 /// A roi of 0 pixels is all that there is from its offset on; a binning of 0 is 1.
 Result<Extent> extent(std::uint32_t full, std::uint32_t offset, std::uint32_t roi, std::uint32_t binning) {
   if (offset >= full || roi > full - offset)
-    return fail("malformed:roi", "the roi reaches past the " + std::to_string(full) + " pixels of the full image");
+    return fail(ErrorCode::malformed_roi,
+                "the roi reaches past the " + std::to_string(full) + " pixels of the full image");
   const Extent extent{offset, roi == 0 ? full - offset : roi, std::max(binning, 1U)};
   if (extent.binning > extent.pixels)
-    return fail("malformed:roi", "a binning of " + std::to_string(binning) + " leaves no pixel of the roi");
+    return fail(ErrorCode::malformed_roi, "a binning of " + std::to_string(binning) + " leaves no pixel of the roi");
   return extent;
 }
 
@@ -219,26 +221,26 @@ Result<Extent> extent(std::uint32_t full, std::uint32_t offset, std::uint32_t ro
 
 Result<Timestamp> decode_stamp(const std_msgs_msg_dds__Header_& header) {
   if (header.stamp.sec < 0 || header.stamp.nanosec >= 1'000'000'000)
-    return fail("malformed:stamp", "a stamp needs sec >= 0 and nanosec < 1e9");
+    return fail(ErrorCode::malformed_stamp, "a stamp needs sec >= 0 and nanosec < 1e9");
   return std::chrono::seconds(header.stamp.sec) + std::chrono::nanoseconds(header.stamp.nanosec);
 }
 
 Result<DecodedCloud> decode_cloud(const sensor_msgs_msg_dds__PointCloud2_& message, std::uint64_t max_points) {
   const auto stamp = decode_stamp(message.header);
-  if (!stamp) return tl::unexpected(stamp.error());
+  if (!stamp) return propagate(stamp);
   if (message.point_step < 1 || message.point_step > max_point_step)
-    return fail("malformed:point_step", std::to_string(message.point_step) + " is outside 1 .. 4096");
+    return fail(ErrorCode::malformed_point_step, std::to_string(message.point_step) + " is outside 1 .. 4096");
   const std::uint64_t width = message.width, height = message.height, points = width * height;
   if (points > max_points)
-    return fail("malformed:cloud_size", std::to_string(points) + " points where " + std::to_string(max_points) +
-                                            " are allowed (lidar.max_points)");
+    return fail(ErrorCode::malformed_cloud_size, std::to_string(points) + " points where " +
+                                                     std::to_string(max_points) + " are allowed (lidar.max_points)");
   const auto layout = point_layout(message);
-  if (!layout) return tl::unexpected(layout.error());
+  if (!layout) return propagate(layout);
   DecodedCloud scan{{*stamp, {}}};
   const std::uint64_t row_bytes = width * message.point_step;
   if (points == 0 && message.data._length <= max_data_slack) return scan;
-  if (points == 0) return fail("malformed:cloud_data", "more bytes of data than no points need");
-  if (const auto sound = check_rows(message, height, row_bytes); !sound) return tl::unexpected(sound.error());
+  if (points == 0) return fail(ErrorCode::malformed_cloud_data, "more bytes of data than no points need");
+  if (const auto sound = check_rows(message, height, row_bytes); !sound) return propagate(sound);
 
   const bool swap = message.is_bigendian != (std::endian::native == std::endian::big);
   scan.points.reserve(points);
@@ -262,17 +264,17 @@ Result<DecodedCloud> decode_cloud(const sensor_msgs_msg_dds__PointCloud2_& messa
 
 Result<CameraInfo> decode_camera_info(const sensor_msgs_msg_dds__CameraInfo_& message) {
   const auto stamp = decode_stamp(message.header);
-  if (!stamp) return tl::unexpected(stamp.error());
+  if (!stamp) return propagate(stamp);
   const std::uint64_t pixels = std::uint64_t{message.width} * message.height;
   if (pixels < 1 || pixels > max_image_pixels)
-    return fail("malformed:image_size", std::to_string(pixels) + " pixels are outside 1 .. 64 Mpx");
+    return fail(ErrorCode::malformed_image_size, std::to_string(pixels) + " pixels are outside 1 .. 64 Mpx");
   const auto across = extent(message.width, message.roi.x_offset, message.roi.width, message.binning_x);
-  if (!across) return tl::unexpected(across.error());
+  if (!across) return propagate(across);
   const auto down = extent(message.height, message.roi.y_offset, message.roi.height, message.binning_y);
-  if (!down) return tl::unexpected(down.error());
+  if (!down) return propagate(down);
   const auto distortion =
       lens(text(message.distortion_model), std::span<const double>(message.d._buffer, message.d._length));
-  if (!distortion) return tl::unexpected(distortion.error());
+  if (!distortion) return propagate(distortion);
 
   CameraInfo info{.stamp = *stamp,
                   .width = across->image_pixels(),
@@ -293,7 +295,7 @@ Result<CameraInfo> decode_camera_info(const sensor_msgs_msg_dds__CameraInfo_& me
   info.P[7] /= static_cast<double>(down->binning);
   const auto focal_in_range = [](double f) { return f > 1 && f < 1e5; };
   if (!all_finite(info.K) || !all_finite(info.P) || !focal_in_range(info.K[0]) || !focal_in_range(info.K[4]))
-    return fail("malformed:intrinsics", "K and P must be finite, with focal lengths in 1 .. 1e5 pixels");
+    return fail(ErrorCode::malformed_intrinsics, "K and P must be finite, with focal lengths in 1 .. 1e5 pixels");
   return info;
 }
 

@@ -19,7 +19,7 @@ T read_as(const std::uint8_t* bytes, bool swap) {
 template <typename Pixel, typename ToInverse>
 Result<DepthImage> read_pixels(const sensor_msgs_msg_dds__Image_& message, Timestamp stamp, const ImageBound& bound,
                                ToInverse to_inverse) {
-  if (const auto sound = check_layout(message, sizeof(Pixel), bound); !sound) return tl::unexpected(sound.error());
+  if (const auto sound = check_layout(message, sizeof(Pixel), bound); !sound) return propagate(sound);
   DepthImage depth{stamp, static_cast<int>(message.width), static_cast<int>(message.height), {}};
   depth.inverse_depth.reserve(std::size_t{message.width} * message.height);
   const bool swap = (message.is_bigendian != 0) != (std::endian::native == std::endian::big);
@@ -38,7 +38,7 @@ std::string_view encoding_of(const sensor_msgs_msg_dds__Image_& message) {
 }
 
 tl::unexpected<Error> not_depth(std::string_view encoding, std::string_view needed) {
-  return fail("malformed:encoding",
+  return fail(ErrorCode::malformed_encoding,
               "encoding '" + std::string(encoding.substr(0, 32)) + "' is no depth; " + std::string(needed) + " is");
 }
 
@@ -46,7 +46,7 @@ tl::unexpected<Error> not_depth(std::string_view encoding, std::string_view need
 
 Result<DepthImage> decode_depth(const sensor_msgs_msg_dds__Image_& message, const ImageBound& bound) {
   const auto stamp = decode_stamp(message.header);
-  if (!stamp) return tl::unexpected(stamp.error());
+  if (!stamp) return propagate(stamp);
   const std::string_view encoding = encoding_of(message);
   if (encoding == "16UC1")
     return read_pixels<std::uint16_t>(message, *stamp, bound, [](std::uint16_t mm, auto, auto) {
@@ -59,21 +59,21 @@ Result<DepthImage> decode_depth(const sensor_msgs_msg_dds__Image_& message, cons
 
 Result<DepthImage> decode_disparity(const stereo_msgs_msg_dds__DisparityImage_& message, const ImageBound& bound) {
   const auto stamp = decode_stamp(message.header);
-  if (!stamp) return tl::unexpected(stamp.error());
+  if (!stamp) return propagate(stamp);
   if (const auto encoding = encoding_of(message.image); encoding != "32FC1")
     return not_depth(encoding, "of disparities, 32FC1");
   const float focal_times_baseline = message.f * message.t;
   if (!(message.f > 0 && message.t > 0 && focal_times_baseline > 0 && std::isfinite(focal_times_baseline)))
-    return fail("malformed:disparity_scale", "f (pixels) and t (metres) must be positive");
+    return fail(ErrorCode::malformed_disparity_scale, "f (pixels) and t (metres) must be positive");
   const float least = message.min_disparity, most = message.max_disparity;
   if (!std::isfinite(least) || !std::isfinite(most) || least > most)
-    return fail("malformed:disparity_range", "min_disparity and max_disparity must be numbers in this order");
+    return fail(ErrorCode::malformed_disparity_range, "min_disparity and max_disparity must be numbers in this order");
   const auto& window = message.valid_window;
   const bool whole = window.width == 0 || window.height == 0;
   const std::uint64_t right = std::uint64_t{window.x_offset} + window.width,
                       bottom = std::uint64_t{window.y_offset} + window.height;
   if (!whole && (right > message.image.width || bottom > message.image.height))
-    return fail("malformed:valid_window", "the valid window reaches past the image");
+    return fail(ErrorCode::malformed_valid_window, "the valid window reaches past the image");
   const bool bounded = least < most;
   return read_pixels<float>(message.image, *stamp, bound, [&](float disparity, std::uint32_t u, std::uint32_t v) {
     const bool inside = whole || (u >= window.x_offset && v >= window.y_offset && u < right && v < bottom);

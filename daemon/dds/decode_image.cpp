@@ -45,10 +45,11 @@ bool is_depth(std::string_view encoding) { return encoding.starts_with("16UC1") 
 
 Result<Encoding> find_encoding(std::string_view name) {
   if (is_depth(name))
-    return fail("malformed:depth_encoding", "this topic carries a depth image; configure the camera's image topic");
+    return fail(ErrorCode::malformed_depth_encoding,
+                "this topic carries a depth image; configure the camera's image topic");
   for (const Encoding& encoding : encodings)
     if (encoding.name == name) return encoding;
-  return fail("malformed:encoding", "encoding '" + std::string(name.substr(0, 32)) + "' is not supported");
+  return fail(ErrorCode::malformed_encoding, "encoding '" + std::string(name.substr(0, 32)) + "' is not supported");
 }
 
 /// By bytes, because a row of a padded image may begin at an odd address. 65535 becomes 255, rounded to
@@ -73,10 +74,10 @@ Result<void> convert(const cv::Mat& in, int conversion, int type, std::vector<st
       in.copyTo(to);
     else
       cv::cvtColor(in, to, conversion);
-    if (to.data != out.data()) return fail("malformed:image_data", "the conversion changed its size");
+    if (to.data != out.data()) return fail(ErrorCode::malformed_image_data, "the conversion changed its size");
   } catch (const cv::Exception& e) {
-    if (e.code == cv::Error::StsNoMem) return fail("out_of_memory", "there is no memory for the image");
-    return fail("malformed:image_data", "OpenCV refuses it: " + e.err);
+    if (e.code == cv::Error::StsNoMem) return fail(ErrorCode::out_of_memory, "there is no memory for the image");
+    return fail(ErrorCode::malformed_image_data, "OpenCV refuses it: " + e.err);
   }
   return {};
 }
@@ -87,27 +88,27 @@ Result<void> check_layout(const sensor_msgs_msg_dds__Image_& message, std::uint6
                           const ImageBound& bound) {
   const std::uint64_t pixels = std::uint64_t{message.width} * message.height;
   if (pixels < 1 || pixels > max_image_pixels)
-    return fail("malformed:image_size",
+    return fail(ErrorCode::malformed_image_size,
                 std::to_string(message.width) + " x " + std::to_string(message.height) + " is outside 1 .. 64 Mpx");
   if (message.step < message.width * bytes_per_pixel)
-    return fail("malformed:step", "step " + std::to_string(message.step) + " is less than a row of " +
-                                      std::to_string(bytes_per_pixel) + " bytes per pixel");
+    return fail(ErrorCode::malformed_step, "step " + std::to_string(message.step) + " is less than a row of " +
+                                               std::to_string(bytes_per_pixel) + " bytes per pixel");
   if (message.data._length < std::uint64_t{message.step} * message.height)
-    return fail("malformed:image_data", "fewer bytes of data than step * height");
+    return fail(ErrorCode::malformed_image_data, "fewer bytes of data than step * height");
   if (message.step > message.width * bytes_per_pixel + max_row_padding)
-    return fail("malformed:step", "rows are padded by more than 4096 bytes");
+    return fail(ErrorCode::malformed_step, "rows are padded by more than 4096 bytes");
   if (message.data._length > std::uint64_t{message.step} * message.height + max_data_slack)
-    return fail("malformed:image_data", "more bytes of data than step * height");
+    return fail(ErrorCode::malformed_image_data, "more bytes of data than step * height");
   return bound.check({static_cast<int>(message.width), static_cast<int>(message.height)});
 }
 
 Result<Image> decode_image(const sensor_msgs_msg_dds__Image_& message, Colour colour, const ImageBound& bound) {
   const auto stamp = decode_stamp(message.header);
-  if (!stamp) return tl::unexpected(stamp.error());
+  if (!stamp) return propagate(stamp);
   const auto encoding = find_encoding(message.encoding ? message.encoding : "");
-  if (!encoding) return tl::unexpected(encoding.error());
+  if (!encoding) return propagate(encoding);
   const auto size = static_cast<std::uint64_t>(CV_ELEM_SIZE(encoding->opencv_type));
-  if (const auto sound = check_layout(message, size, bound); !sound) return tl::unexpected(sound.error());
+  if (const auto sound = check_layout(message, size, bound); !sound) return propagate(sound);
 
   Image image{*stamp, static_cast<int>(message.width), static_cast<int>(message.height), {}};
   image.pixels.resize(std::size_t{message.width} * message.height);
@@ -116,42 +117,42 @@ Result<Image> decode_image(const sensor_msgs_msg_dds__Image_& message, Colour co
     return image;
   }
   const cv::Mat in(image.height, image.width, encoding->opencv_type, message.data._buffer, message.step);
-  if (const auto made = convert(in, encoding->to_grey, CV_8UC1, image.pixels); !made)
-    return tl::unexpected(made.error());
+  if (const auto made = convert(in, encoding->to_grey, CV_8UC1, image.pixels); !made) return propagate(made);
   if (colour == Colour::none || encoding->to_rgb == no_colour) return image;
   image.rgb.resize(3 * image.pixels.size());
-  if (const auto made = convert(in, encoding->to_rgb, CV_8UC3, image.rgb); !made) return tl::unexpected(made.error());
+  if (const auto made = convert(in, encoding->to_rgb, CV_8UC3, image.rgb); !made) return propagate(made);
   return image;
 }
 
 Result<Image> decode_compressed_image(const sensor_msgs_msg_dds__CompressedImage_& message, Colour colour,
                                       const ImageBound& bound) {
   const auto stamp = decode_stamp(message.header);
-  if (!stamp) return tl::unexpected(stamp.error());
+  if (!stamp) return propagate(stamp);
   if (message.format && is_depth(message.format))
-    return fail("malformed:depth_encoding", "this topic carries a depth image; configure the camera's image topic");
+    return fail(ErrorCode::malformed_depth_encoding,
+                "this topic carries a depth image; configure the camera's image topic");
   const std::span<const std::uint8_t> bytes(message.data._buffer, message.data._length);
-  if (bytes.empty()) return fail("malformed:compressed_size", "there are no bytes");
+  if (bytes.empty()) return fail(ErrorCode::malformed_compressed_size, "there are no bytes");
   const auto header = probe_compressed(bytes);
-  if (!header) return tl::unexpected(header.error());
-  if (const auto fits = bound.check(header->size); !fits) return tl::unexpected(fits.error());
+  if (!header) return propagate(header);
+  if (const auto fits = bound.check(header->size); !fits) return propagate(fits);
   const std::uint64_t most =
       std::min(max_compressed_bytes, std::uint64_t{4} * header->size.width * header->size.height + max_data_slack);
   if (bytes.size() > most)
-    return fail("malformed:compressed_size", std::to_string(bytes.size()) + " bytes where " + std::to_string(most) +
-                                                 " are allowed for an image of its size");
-  if (const auto sound = check_compressed(bytes, *header); !sound) return tl::unexpected(sound.error());
+    return fail(ErrorCode::malformed_compressed_size, std::to_string(bytes.size()) + " bytes where " +
+                                                          std::to_string(most) +
+                                                          " are allowed for an image of its size");
+  if (const auto sound = check_compressed(bytes, *header); !sound) return propagate(sound);
 
   const auto [width, height] = header->size;
   Image image{*stamp, width, height, std::vector<std::uint8_t>(static_cast<std::size_t>(width) * height)};
   const bool grey_only = colour == Colour::none;
   if (!grey_only) image.rgb.resize(3 * image.pixels.size());
   const auto decoded = decompress(bytes, *header, grey_only ? 1 : 3, grey_only ? image.pixels : image.rgb);
-  if (!decoded) return tl::unexpected(decoded.error());
+  if (!decoded) return propagate(decoded);
   if (grey_only) return image;
   const cv::Mat rgb(height, width, CV_8UC3, image.rgb.data());
-  if (const auto made = convert(rgb, cv::COLOR_RGB2GRAY, CV_8UC1, image.pixels); !made)
-    return tl::unexpected(made.error());
+  if (const auto made = convert(rgb, cv::COLOR_RGB2GRAY, CV_8UC1, image.pixels); !made) return propagate(made);
   return image;
 }
 

@@ -60,8 +60,9 @@ Result<void> decompress_jpeg(Bytes bytes, ImageSize size, int channels, std::uin
   const bool read = read_jpeg(jpeg, bytes, size, channels, out);
   jpeg_destroy_decompress(&jpeg.decompress);
   if (read) return {};
-  if (jpeg.error.msg_code == JERR_OUT_OF_MEMORY) return fail("out_of_memory", "there is no memory for the image");
-  return fail("malformed:compressed_data", std::string("it does not decode: ") + jpeg.message);
+  if (jpeg.error.msg_code == JERR_OUT_OF_MEMORY)
+    return fail(ErrorCode::out_of_memory, "there is no memory for the image");
+  return fail(ErrorCode::malformed_compressed_data, std::string("it does not decode: ") + jpeg.message);
 }
 
 struct Png {
@@ -131,9 +132,9 @@ Result<void> decompress_png(Bytes bytes, ImageSize size, int channels, std::uint
   const bool made = from.info != nullptr;
   const bool read = made && read_png(from, size, channels, out);
   png_destroy_read_struct(&from.png, &from.info, nullptr);
-  if (!made) return fail("out_of_memory", "there is no memory for the image");
+  if (!made) return fail(ErrorCode::out_of_memory, "there is no memory for the image");
   if (read) return {};
-  return fail("malformed:compressed_data", std::string("it does not decode: ") + from.message);
+  return fail(ErrorCode::malformed_compressed_data, std::string("it does not decode: ") + from.message);
 }
 
 }  // namespace

@@ -65,16 +65,15 @@ RemoteWriter described(const dds_builtintopic_endpoint_t& endpoint) {
 Result<std::vector<RemoteWriter>> remote_writers(dds_entity_t participant) {
   const auto reader =
       own(dds_create_reader(participant, DDS_BUILTIN_TOPIC_DCPSPUBLICATION, nullptr, nullptr), "discovery");
-  if (!reader) return tl::unexpected(reader.error());
+  if (!reader) return propagate(reader);
   dds_guid_t self{};
-  if (const auto known = check(dds_get_guid(participant, &self), "discovery"); !known)
-    return tl::unexpected(known.error());
+  if (const auto known = check(dds_get_guid(participant, &self), "discovery"); !known) return propagate(known);
   std::vector<RemoteWriter> writers;
   std::array<void*, 64> samples{};
   std::array<dds_sample_info_t, 64> infos;
   for (dds_return_t taken = 1; taken > 0 && writers.size() < max_remote_writers;) {
     taken = dds_take(reader->get(), samples.data(), infos.data(), samples.size(), samples.size());
-    if (const auto took = check(taken, "discovery"); !took) return tl::unexpected(took.error());
+    if (const auto took = check(taken, "discovery"); !took) return propagate(took);
     for (std::size_t i = 0; i < static_cast<std::size_t>(taken); ++i) {
       const auto& endpoint = *static_cast<const dds_builtintopic_endpoint_t*>(samples[i]);
       const bool alive = infos[i].valid_data && infos[i].instance_state == DDS_IST_ALIVE;

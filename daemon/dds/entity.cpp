@@ -34,24 +34,24 @@ using Create = dds_entity_t (*)(dds_entity_t, dds_entity_t, const dds_qos_t*, co
 Result<Endpoint> make_endpoint(Create create, dds_entity_t participant, const MessageType& type,
                                std::string_view topic_name, const Keeping& keeping) {
   const auto name = dds_topic_name(topic_name);
-  if (!name) return tl::unexpected(name.error());
+  if (!name) return propagate(name);
   auto topic = own(dds_create_topic(participant, type.descriptor, name->c_str(), nullptr, nullptr), *name);
-  if (!topic) return tl::unexpected(topic.error());
+  if (!topic) return propagate(topic);
   const Qos qos = make_qos(type, keeping);
   auto endpoint = own(create(participant, topic->get(), qos.get(), nullptr), *name);
-  if (!endpoint) return tl::unexpected(endpoint.error());
+  if (!endpoint) return propagate(endpoint);
   return Endpoint{std::move(*topic), std::move(*endpoint)};
 }
 
 }  // namespace
 
 Result<void> check(dds_return_t returned, std::string_view what) {
-  if (returned < 0) return fail("dds_failed", std::string(what) + ": " + dds_strretcode(returned));
+  if (returned < 0) return fail(ErrorCode::dds_failed, std::string(what) + ": " + dds_strretcode(returned));
   return {};
 }
 
 Result<Entity> own(dds_entity_t returned, std::string_view what) {
-  if (const auto made = check(returned, what); !made) return tl::unexpected(made.error());
+  if (const auto made = check(returned, what); !made) return propagate(made);
   return Entity(returned);
 }
 

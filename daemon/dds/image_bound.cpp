@@ -26,7 +26,7 @@ std::int64_t ImageBound::max_pixels() const {
 
 Result<void> ImageBound::check(ImageSize seen) const {
   const auto refuse = [&](const std::string& why) {
-    return fail("image_size_mismatch", "the image is " + words(seen) + ", " + why);
+    return fail(ErrorCode::image_size_mismatch, "the image is " + words(seen) + ", " + why);
   };
   if (rule_ == Rule::exactly && seen != size_) return refuse("and " + key_ + " is " + words(size_));
   if (pixels(seen) > max_pixels())

@@ -32,12 +32,12 @@ Result<std::string> dds_topic_name(std::string_view topic) {
     const bool taken = std::ranges::all_of(
         topic, [](char c) { return is_letter(c) || is_digit(c) || c == '_' || c == '/'; });
     if (topic.empty() || topic.size() > 255 || !taken || is_digit(topic.front()))
-      return fail("bad_topic",
+      return fail(ErrorCode::bad_topic,
                   "a raw topic name is dds: and 1 .. 255 letters, digits, _ and /, no digit first");
     return std::string(topic);
   }
   if (!is_ros_name(topic))
-    return fail("bad_topic",
+    return fail(ErrorCode::bad_topic,
                 "a topic is written as ROS 2 does, absolute: /lidar/points (or dds:NAME for a raw name)");
   return "rt" + std::string(topic);
 }

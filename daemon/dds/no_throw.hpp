@@ -15,9 +15,9 @@ auto no_throw(Decode decode) -> decltype(decode()) {
   try {
     return decode();
   } catch (const std::bad_alloc&) {
-    return fail("out_of_memory", "there is no memory for the message");
+    return fail(ErrorCode::out_of_memory, "there is no memory for the message");
   } catch (const std::exception& e) {
-    return fail("malformed:refused", std::string("it cannot be decoded: ") + e.what());
+    return fail(ErrorCode::malformed_refused, std::string("it cannot be decoded: ") + e.what());
   }
 }
 

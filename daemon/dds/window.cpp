@@ -32,7 +32,7 @@ Result<std::optional<Sample>> SamplingWindow::take_next(dds_entity_t reader, con
   void* loan = nullptr;
   dds_sample_info_t info;
   const dds_return_t taken = dds_take(reader, &loan, &info, 1, 1);
-  if (const auto took = check(taken, topic); !took) return tl::unexpected(took.error());
+  if (const auto took = check(taken, topic); !took) return propagate(took);
   std::optional<Sample> sample;
   if (taken == 1 && info.valid_data) {
     const auto& message = *static_cast<const Message*>(loan);
@@ -42,7 +42,7 @@ Result<std::optional<Sample>> SamplingWindow::take_next(dds_entity_t reader, con
     } else {
       Malformed malformed{topic, std::move(decoded.error())};
       if constexpr (requires { seen(message); })
-        if (malformed.error.code == "image_size_mismatch") malformed.image = seen(message);
+        if (malformed.error.code == ErrorCode::image_size_mismatch) malformed.image = seen(message);
       sample = std::move(malformed);
     }
   }
@@ -69,11 +69,11 @@ Result<SamplingWindow> SamplingWindow::open(dds_entity_t participant, dds_entity
   SamplingWindow window;
   window.interrupt_ = interrupt;
   auto waitset = own(dds_create_waitset(participant), "waitset");
-  if (!waitset) return tl::unexpected(waitset.error());
+  if (!waitset) return propagate(waitset);
   window.waitset_ = std::move(*waitset);
   auto opened = check(dds_waitset_attach(window.waitset_.get(), interrupt, 0), "waitset");
   if (opened) opened = window.add_all(participant, topics);
-  if (!opened) return tl::unexpected(opened.error());
+  if (!opened) return propagate(opened);
   return window;
 }
 
@@ -124,9 +124,9 @@ Result<void> SamplingWindow::add(dds_entity_t participant, const MessageType& ty
                                  Limits limits, int history) {
   // Best effort matches reliable and best-effort writers, and a slow reader holds no writer back.
   auto endpoint = make_reader(participant, type, topic, {.reliable = false, .durable = false, .depth = history});
-  if (!endpoint) return tl::unexpected(endpoint.error());
+  if (!endpoint) return propagate(endpoint);
   auto new_sample = own(dds_create_readcondition(endpoint->endpoint.get(), DDS_ANY_STATE), topic);
-  if (!new_sample) return tl::unexpected(new_sample.error());
+  if (!new_sample) return propagate(new_sample);
   if (auto attached = check(dds_waitset_attach(waitset_.get(), new_sample->get(), 0), topic); !attached)
     return attached;
   readers_.push_back({topic, std::move(*endpoint), std::move(*new_sample), take, std::move(limits), history});
@@ -136,17 +136,17 @@ Result<void> SamplingWindow::add(dds_entity_t participant, const MessageType& ty
 Result<std::vector<Sample>> SamplingWindow::wait(std::chrono::nanoseconds timeout) {
   const dds_duration_t patience = std::max<dds_duration_t>(timeout.count(), 0);
   if (const auto waited = check(dds_waitset_wait(waitset_.get(), nullptr, 0, patience), "waitset"); !waited)
-    return tl::unexpected(waited.error());
+    return propagate(waited);
   bool interrupted = false;
   if (const auto asked = check(dds_take_guardcondition(interrupt_, &interrupted), "guard condition"); !asked)
-    return tl::unexpected(asked.error());
+    return propagate(asked);
 
   std::vector<Sample> samples;
   if (interrupted) return samples;
   for (const Reader& reader : readers_)
     for (int i = 0; i < reader.history; ++i) {
       auto sample = reader.take(reader.endpoint.endpoint.get(), reader.topic, reader.limits);
-      if (!sample) return tl::unexpected(sample.error());
+      if (!sample) return propagate(sample);
       if (!*sample) break;
       samples.push_back(std::move(**sample));
     }

@@ -31,7 +31,8 @@ struct DepthKind {
   /// Set for sources that are prepared from files alone: `calibctl doctor` reports their failure even when no image
   /// arrives, with this code and these sentences.
   struct PreparationFailure {
-    std::string_view code, cause, remedy;
+    ErrorCode code;
+    std::string_view cause, remedy;
   };
   std::optional<PreparationFailure> preparation_failure;
 };

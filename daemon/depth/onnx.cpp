@@ -24,7 +24,7 @@ constinit const DepthKind OnnxDepthConfig::kind{
                      "correct output.semantics in the model's descriptor: depth and inverse depth are confused",
                  .wrong_scale = "correct the unit of depth"},
     .preparation_failure = DepthKind::PreparationFailure{
-        .code = "depth_model_refused",
+        .code = ErrorCode::depth_model_refused,
         .cause = "the network's file, its descriptor or its golden pair was altered, or is not the one that was meant",
         .remedy = "put back the network that the descriptor was written for, or write a descriptor for this one; then "
                   "restart calibd"}};
@@ -54,7 +54,7 @@ Result<std::unique_ptr<DepthEstimator>> OnnxDepthConfig::make_estimator(const Ca
                                                                         const StereoCameraInfo&) const {
   // Evidence from two networks must not pass for evidence from one.
   if (!descriptor_sha256.empty() && sha256_of_file(model) != descriptor_sha256)
-    return fail("depth_failed", model.string() + " has changed since calibd started; restart calibd");
+    return fail(ErrorCode::depth_failed, model.string() + " has changed since calibd started; restart calibd");
   return make_onnx_depth(model, camera, settings);
 }
 

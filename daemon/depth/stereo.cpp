@@ -80,13 +80,13 @@ bool StereoDepthConfig::has_cameras(const Camera& left, const StereoCameraInfo& 
 Result<std::unique_ptr<DepthEstimator>> StereoDepthConfig::make_estimator(const Camera& left,
                                                                           const StereoCameraInfo& infos) const {
   const auto right = right_camera ? *right_camera : calib::right_camera(left, infos);
-  if (!right) return tl::unexpected(right.error());
+  if (!right) return propagate(right);
   return make_stereo_depth(left, *right, matcher);
 }
 
 Result<RightCamera> right_camera(const Camera& left, const StereoCameraInfo& infos) {
   const auto refuse = [](const std::string& what) {
-    return fail("bad_camera", "the right CameraInfo " + what + "; calibrate the stereo camera, or give right_camera");
+    return fail(ErrorCode::bad_camera, "the right CameraInfo " + what + "; calibrate the stereo camera, or give right_camera");
   };
   const auto& P = infos.right->P;
   if (!(P[0] > 1 && P[5] > 1 && P[3] < 0)) return refuse("has no baseline in P (P[3] = -fx * baseline)");

@@ -35,14 +35,16 @@ constexpr double fold_margin_rad = 1e-6;
 
 Result<void> check_image(int width, int height, const std::vector<double>& intrinsics) {
   if (width < 16 || height < 16 || static_cast<std::int64_t>(width) * height > 64'000'000)
-    return fail("bad_camera", "image size " + std::to_string(width) + " x " + std::to_string(height) +
-                                  " is outside 16 x 16 .. 64 Mpx");
-  if (intrinsics.size() != 4) return fail("bad_camera", "intrinsics are four numbers: fx, fy, cx, cy (pixels)");
+    return fail(ErrorCode::bad_camera, "image size " + std::to_string(width) + " x " + std::to_string(height) +
+                                           " is outside 16 x 16 .. 64 Mpx");
+  if (intrinsics.size() != 4)
+    return fail(ErrorCode::bad_camera, "intrinsics are four numbers: fx, fy, cx, cy (pixels)");
   if (!std::ranges::all_of(intrinsics, [](double value) { return std::isfinite(value); }))
-    return fail("bad_camera", "intrinsics hold a number that is not finite");
+    return fail(ErrorCode::bad_camera, "intrinsics hold a number that is not finite");
   for (int i = 0; i < 2; ++i)
     if (intrinsics[i] <= 1 || intrinsics[i] >= 1e5)
-      return fail("bad_camera", "focal length " + std::to_string(intrinsics[i]) + " is outside 1 .. 1e5 pixels");
+      return fail(ErrorCode::bad_camera,
+                  "focal length " + std::to_string(intrinsics[i]) + " is outside 1 .. 1e5 pixels");
   return {};
 }
 
@@ -50,15 +52,15 @@ Result<void> check_distortion(CameraModel model, const std::vector<double>& d) {
   const ModelFacts& known = facts(model);
   const std::string name = "model " + std::string(known.name);
   if (model == CameraModel::rectified && !d.empty())
-    return fail("bad_camera", name + " has no distortion; write the model of the raw image's lens");
+    return fail(ErrorCode::bad_camera, name + " has no distortion; write the model of the raw image's lens");
   if (d.size() < known.least || d.size() > known.most)
-    return fail("bad_camera", name + " needs distortion " + std::string(known.parameters));
+    return fail(ErrorCode::bad_camera, name + " needs distortion " + std::string(known.parameters));
   if (!std::ranges::all_of(d, [](double value) { return std::isfinite(value); }))
-    return fail("bad_camera", "distortion holds a number that is not finite");
+    return fail(ErrorCode::bad_camera, "distortion holds a number that is not finite");
   const auto outside = [&](std::string_view parameter, double value, std::string_view range) {
-    return fail("bad_camera", name + " has " + std::string(parameter) + " = " + std::to_string(value) + ", outside " +
-                                  std::string(range) + "; its parameters are, in order, " +
-                                  std::string(known.parameters));
+    return fail(ErrorCode::bad_camera, name + " has " + std::string(parameter) + " = " + std::to_string(value) +
+                                           ", outside " + std::string(range) + "; its parameters are, in order, " +
+                                           std::string(known.parameters));
   };
   const bool sphere = model == CameraModel::double_sphere, extended = model == CameraModel::eucm;
   if (sphere && !(d[0] > -1 && d[0] <= 1)) return outside("xi", d[0], "-1 < xi <= 1");
@@ -73,8 +75,8 @@ Result<void> check_distortion(CameraModel model, const std::vector<double>& d) {
 
 Result<Camera> Camera::make(CameraModel model, int width, int height, const std::vector<double>& intrinsics,
                             const std::vector<double>& distortion) {
-  if (const auto image = check_image(width, height, intrinsics); !image) return tl::unexpected(image.error());
-  if (const auto lens = check_distortion(model, distortion); !lens) return tl::unexpected(lens.error());
+  if (const auto image = check_image(width, height, intrinsics); !image) return propagate(image);
+  if (const auto lens = check_distortion(model, distortion); !lens) return propagate(lens);
   Camera camera;
   camera.model_ = model;
   camera.width_ = width;
@@ -140,7 +142,7 @@ Result<CameraModel> parse_camera_model(std::string_view name) {
   if (known != models.end()) return known->model;
   std::string names;
   for (const ModelFacts& model : models) names += (names.empty() ? "" : ", ") + std::string(model.name);
-  return fail("bad_camera", "camera model '" + escape_control(name) + "' is not known; use one of " + names);
+  return fail(ErrorCode::bad_camera, "camera model '" + escape_control(name) + "' is not known; use one of " + names);
 }
 
 std::string_view to_string(CameraModel model) { return facts(model).name; }

@@ -45,7 +45,7 @@ std::string_view to_string(Verdict verdict) {
 
 Result<Verdict> parse_verdict(std::string_view text) {
   const auto found = std::ranges::find_if(verdicts, [&](Verdict verdict) { return to_string(verdict) == text; });
-  if (found == verdicts.end()) return fail("bad_verdict", "'" + std::string(text) + "' is not a verdict");
+  if (found == verdicts.end()) return fail(ErrorCode::bad_verdict, "'" + std::string(text) + "' is not a verdict");
   return *found;
 }
 

@@ -201,7 +201,7 @@ std::chrono::nanoseconds ConfigNode::duration(std::chrono::nanoseconds min, std:
 Result<void> parse_config_text(std::string_view yaml, const std::filesystem::path& file,
                                const std::function<void(const ConfigNode&)>& read) {
   const auto refuse = [&](int line, const std::string& message) {
-    return fail("bad_config", file.string() + ":" + std::to_string(line) + ": " + message);
+    return fail(ErrorCode::bad_config, file.string() + ":" + std::to_string(line) + ": " + message);
   };
   if (yaml.size() > max_bytes) return refuse(1, too_large);
   try {
@@ -216,8 +216,9 @@ Result<void> parse_config_text(std::string_view yaml, const std::filesystem::pat
 
 Result<std::string> read_config_text(const std::filesystem::path& file) {
   auto text = read_regular_file(file, max_bytes);
-  if (!text && text.error().code == "file_too_large") return fail("bad_config", file.string() + ":1: " + too_large);
-  if (!text) return fail("config_not_found", text.error().context);
+  if (!text && text.error().code == ErrorCode::file_too_large)
+    return fail(ErrorCode::bad_config, file.string() + ":1: " + too_large);
+  if (!text) return fail(ErrorCode::config_not_found, text.error().context);
   return text;
 }
 

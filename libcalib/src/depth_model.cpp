@@ -136,7 +136,7 @@ Result<DepthModel> parse_depth_model(std::string_view yaml, const std::filesyste
   DepthModel model;
   const auto read =
       parse_config_text(yaml, descriptor, [&](const ConfigNode& top) { model = read_model(top, descriptor); });
-  if (!read) return tl::unexpected(read.error());
+  if (!read) return propagate(read);
   return model;
 }
 

@@ -16,7 +16,7 @@ namespace calib {
 namespace {
 
 tl::unexpected<Error> self_test_failed(const std::string& what) {
-  return fail("depth_failed", "depth model self-test failed: " + what);
+  return fail(ErrorCode::depth_failed, "depth model self-test failed: " + what);
 }
 
 Result<Image> read_golden_image(const std::filesystem::path& file) {
@@ -83,7 +83,7 @@ class OnnxDepth final : public DepthEstimator {
     const auto tested = self_test();
     network_.rest();
     proven_ = tested.has_value();
-    if (!tested) return tl::unexpected(tested.error());
+    if (!tested) return propagate(tested);
     std::string remark = network_.remark();
     if (!model_.golden)
       remark += (remark.empty() ? "" : "; ") + model_.descriptor.string() +
@@ -93,16 +93,17 @@ class OnnxDepth final : public DepthEstimator {
 
   Result<DepthMap> estimate(const FramePair& pair) override {
     if (pair.image.width != camera_.width() || pair.image.height != camera_.height())
-      return fail("depth_failed", "an image is " + std::to_string(pair.image.width) + " x " +
-                                      std::to_string(pair.image.height) + " where the configuration says " +
-                                      std::to_string(camera_.width()) + " x " + std::to_string(camera_.height()));
+      return fail(ErrorCode::depth_failed, "an image is " + std::to_string(pair.image.width) + " x " +
+                                               std::to_string(pair.image.height) + " where the configuration says " +
+                                               std::to_string(camera_.width()) + " x " +
+                                               std::to_string(camera_.height()));
     // What has not passed its self-test gives no depth.
     if (!proven_)
-      if (const auto prepared = prepare(); !prepared) return tl::unexpected(prepared.error());
+      if (const auto prepared = prepare(); !prepared) return propagate(prepared);
     const Placement placement = place(model_.input, pair.image.width, pair.image.height);
     const auto map = run(pair.image, placement);
     network_.rest();
-    if (!map) return tl::unexpected(map.error());
+    if (!map) return propagate(map);
     return to_depth(model_.output, placement, *map, camera_);
   }
 
@@ -110,11 +111,12 @@ class OnnxDepth final : public DepthEstimator {
 
  private:
   Result<NetworkMap> run(const Image& image, const Placement& placement) {
-    if (auto loaded = network_.load(); !loaded) return tl::unexpected(loaded.error());
+    if (auto loaded = network_.load(); !loaded) return propagate(loaded);
     try {
       return network_.run(to_tensor(model_.input, placement, image), placement);
     } catch (const cv::Exception& exception) {
-      return fail("depth_failed", std::string("an image cannot be made of the network's size: ") + exception.what());
+      return fail(ErrorCode::depth_failed,
+                  std::string("an image cannot be made of the network's size: ") + exception.what());
     }
   }
 
@@ -122,9 +124,9 @@ class OnnxDepth final : public DepthEstimator {
   Result<void> self_test() {
     if (auto loaded = network_.load(); !loaded) return loaded;
     const auto image = model_.golden ? read_golden_image(model_.golden->image) : slope(camera_);
-    if (!image) return tl::unexpected(image.error());
+    if (!image) return propagate(image);
     const auto map = run(*image, place(model_.input, image->width, image->height));
-    if (!map) return tl::unexpected(map.error());
+    if (!map) return propagate(map);
     return model_.golden ? compare(*map, model_) : Result<void>();
   }
 
@@ -139,19 +141,19 @@ class OnnxDepth final : public DepthEstimator {
 Result<std::unique_ptr<DepthEstimator>> make_onnx_depth(const std::filesystem::path& descriptor, const Camera& camera,
                                                         const OnnxSettings& settings) {
   auto model = load_depth_model(descriptor);
-  if (!model) return tl::unexpected(model.error());
+  if (!model) return propagate(model);
   // An image that is much longer than high, covering a nominal size.
   constexpr std::int64_t most_pixels = 1 << 24;
   const Placement placement = place(model->input, camera.width(), camera.height());
   if (std::int64_t{placement.width} * placement.height > most_pixels)
-    return fail("bad_config", descriptor.string() + ": input.size: an image of " + std::to_string(camera.width()) +
-                                  " x " + std::to_string(camera.height()) + " becomes one of " +
-                                  std::to_string(placement.width) + " x " + std::to_string(placement.height) +
-                                  "; write a smaller size, or keep_aspect: upper_bound");
+    return fail(ErrorCode::bad_config,
+                descriptor.string() + ": input.size: an image of " + std::to_string(camera.width()) + " x " +
+                    std::to_string(camera.height()) + " becomes one of " + std::to_string(placement.width) + " x " +
+                    std::to_string(placement.height) + "; write a smaller size, or keep_aspect: upper_bound");
   try {
     return std::make_unique<OnnxDepth>(*std::move(model), camera, settings);
   } catch (const Ort::Exception& exception) {
-    return fail("depth_failed", std::string("ONNX Runtime does not start: ") + exception.what());
+    return fail(ErrorCode::depth_failed, std::string("ONNX Runtime does not start: ") + exception.what());
   }
 }
 

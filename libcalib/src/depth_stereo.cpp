@@ -49,12 +49,12 @@ class StereoDepth final : public DepthEstimator {
         matcher_(make_matcher(matcher, rectification_ ? rectification_->width() : left.width())) {}
 
   Result<DepthMap> estimate(const FramePair& pair) override {
-    if (!pair.right_image) return fail("depth_failed", "stereo depth needs a right image");
+    if (!pair.right_image) return fail(ErrorCode::depth_failed, "stereo depth needs a right image");
     for (const auto& [image, camera] : {std::pair(&pair.image, &left_), std::pair(&*pair.right_image, &right_)})
       if (image->width != camera->width() || image->height != camera->height())
-        return fail("depth_failed", "an image is " + size_text(image->width, image->height) +
-                                        " where the configuration says " +
-                                        size_text(camera->width(), camera->height()));
+        return fail(ErrorCode::depth_failed, "an image is " + size_text(image->width, image->height) +
+                                                 " where the configuration says " +
+                                                 size_text(camera->width(), camera->height()));
     DepthMap depth{left_.width(), left_.height(), {}};
     try {
       const cv::Mat left = view(pair.image), right = view(*pair.right_image);
@@ -66,7 +66,7 @@ class StereoDepth final : public DepthEstimator {
         depth.inverse_depth = inverse_depth();
       }
     } catch (const cv::Exception& exception) {
-      return fail("depth_failed", std::string("stereo matching failed: ") + exception.what());
+      return fail(ErrorCode::depth_failed, std::string("stereo matching failed: ") + exception.what());
     }
     return depth;
   }
@@ -107,17 +107,18 @@ Result<std::unique_ptr<DepthEstimator>> make_stereo_depth(const Camera& left, co
         is_rectified(left, right) && baseline_m >= least_baseline_m && baseline_m <= most_baseline_m)
       return std::make_unique<StereoDepth>(left, right.camera, left.fx() * baseline_m, std::nullopt, matcher);
     auto rectification = StereoRectification::make(left, right);
-    if (!rectification) return tl::unexpected(rectification.error());
+    if (!rectification) return propagate(rectification);
     const double focal_times_baseline = rectification->focal_times_baseline();
     return std::make_unique<StereoDepth>(left, right.camera, focal_times_baseline, std::move(*rectification), matcher);
   } catch (const cv::Exception& exception) {
-    return fail("bad_camera", std::string("the cameras cannot be made a stereo pair: ") + exception.what());
+    return fail(ErrorCode::bad_camera, std::string("the cameras cannot be made a stereo pair: ") + exception.what());
   }
 }
 
 Result<std::unique_ptr<DepthEstimator>> make_stereo_depth(const Camera& camera, double baseline_m) {
   if (camera.model() != CameraModel::rectified)
-    return fail("bad_camera", "a baseline alone is for rectified images; use model: rectified and image_rect topics");
+    return fail(ErrorCode::bad_camera,
+                "a baseline alone is for rectified images; use model: rectified and image_rect topics");
   return make_stereo_depth(camera, rectified_right_camera(camera, baseline_m));
 }
 

@@ -15,11 +15,11 @@ class TopicDepth final : public DepthEstimator {
   TopicDepth(const Camera& camera, const std::optional<DepthCamera>& own) : camera_(camera), own_(own) {}
 
   Result<DepthMap> estimate(const FramePair& pair) override {
-    if (!pair.depth) return fail("depth_failed", "no depth came with the image");
+    if (!pair.depth) return fail(ErrorCode::depth_failed, "no depth came with the image");
     const DepthImage& seen = *pair.depth;
     if (seen.width < 1 || seen.height < 1 ||
         seen.inverse_depth.size() != static_cast<std::size_t>(seen.width) * seen.height)
-      return fail("depth_failed", "the depth image has no pixels");
+      return fail(ErrorCode::depth_failed, "the depth image has no pixels");
     return own_ ? carried_over(seen) : registered(seen);
   }
 
@@ -28,9 +28,10 @@ class TopicDepth final : public DepthEstimator {
     const int width = camera_.width(), height = camera_.height();
     const double stretched = static_cast<double>(seen.width) * height / (static_cast<double>(seen.height) * width);
     if (std::abs(stretched - 1) > 0.01)
-      return fail("depth_failed", "the depth image is " + size_text(seen.width, seen.height) +
-                                      ", which is no scaled picture of the camera's " + size_text(width, height) +
-                                      "; give the depth camera's own intrinsics (depth.camera and T_camera_depth)");
+      return fail(ErrorCode::depth_failed,
+                  "the depth image is " + size_text(seen.width, seen.height) +
+                      ", which is no scaled picture of the camera's " + size_text(width, height) +
+                      "; give the depth camera's own intrinsics (depth.camera and T_camera_depth)");
     DepthMap depth{width, height, {}};
     depth.inverse_depth.reserve(static_cast<std::size_t>(width) * height);
     for (int v = 0; v < height; ++v) {
@@ -47,8 +48,8 @@ class TopicDepth final : public DepthEstimator {
   [[nodiscard]] Result<DepthMap> carried_over(const DepthImage& seen) {
     const Camera& own = own_->camera;
     if (seen.width != own.width() || seen.height != own.height())
-      return fail("depth_failed", "the depth image is " + size_text(seen.width, seen.height) +
-                                      " where depth.camera says " + size_text(own.width(), own.height()));
+      return fail(ErrorCode::depth_failed, "the depth image is " + size_text(seen.width, seen.height) +
+                                               " where depth.camera says " + size_text(own.width(), own.height()));
     if (bearings_.empty()) take_bearings();
     const int width = camera_.width(), height = camera_.height();
     // A pixel of the coarser camera covers several of the finer one's.

@@ -11,6 +11,15 @@ constexpr double degrees_per_radian = 1 / radians_per_degree;
 /// A rank correlation of depth from which it speaks for an extrinsic, if other things do.
 constexpr double not_contradicting = 0.5;
 
+/// Another reading of the given numbers, and how readily it is believed.
+struct Candidate {
+  ExtrinsicReading reading;
+  /// By how much rank correlation a later candidate must be better.
+  double lead = 0.003;
+  /// Whether having the points in view speaks for it.
+  bool judged_by_view = true;
+};
+
 struct View {
   std::size_t points;  // in view
   bool upright;        // the LiDAR's z axis points up in the image, within 45 degrees
@@ -44,11 +53,12 @@ Eigen::Vector3d roll_pitch_yaw(const Eigen::Matrix3d& R) {
 }
 
 /// A rotation of less than pi degrees per axis can have come from angles in radians that were taken for degrees.
-void add_radians_as_degrees(const RigidTransform& T, std::vector<ExtrinsicReading>& readings) {
+void add_radians_as_degrees(const RigidTransform& T, std::vector<Candidate>& candidates) {
   const Eigen::AngleAxisd turn(T.linear());
   if (turn.angle() > std::sqrt(3) * std::numbers::pi * radians_per_degree) return;
   const auto add = [&](const RigidTransform& reading, std::string_view words) {
-    readings.push_back({"radians_as_degrees", words, reading});
+    // Few rotations become a camera that sees the same when they are multiplied by 57.
+    candidates.push_back({.reading = {"radians_as_degrees", words, reading}, .lead = 0.05});
   };
   const auto scaled = [](const RigidTransform& from) {
     return with_rotation(from, from_roll_pitch_yaw(roll_pitch_yaw(from.linear()) * degrees_per_radian));
@@ -61,24 +71,27 @@ void add_radians_as_degrees(const RigidTransform& T, std::vector<ExtrinsicReadin
 }
 
 /// In the order in which they are believed when they fit about as well.
-std::vector<ExtrinsicReading> other_readings(const RigidTransform& T) {
+std::vector<Candidate> other_readings(const RigidTransform& T) {
   RigidTransform T_optical_body = RigidTransform::Identity();
   T_optical_body.linear() << 0, -1, 0, 0, 0, -1, 1, 0, 0;
   const Eigen::Quaterniond q(T.linear());
-  std::vector<ExtrinsicReading> readings;
-  add_radians_as_degrees(T, readings);
-  readings.push_back({"inverse", "it looks like the inverse, T_lidar_camera", T.inverse()});
-  readings.push_back({"body_frame",
-                      "its camera frame looks like the body frame (x forward, y left, z up) instead of the optical "
-                      "frame (x right, y down, z forward)",
-                      T_optical_body * T});
-  readings.push_back({"inverse_body_frame",
-                      "it looks like the inverse, T_lidar_camera, with the camera's body frame (x forward, y left, z "
-                      "up) instead of the optical frame",
-                      T_optical_body * T.inverse()});
-  readings.push_back({"quaternion_wxyz", "its quaternion looks as if it were in the order w, x, y, z",
-                      with_rotation(T, Eigen::Quaterniond(q.x(), q.y(), q.z(), q.w()).toRotationMatrix())});
-  return readings;
+  std::vector<Candidate> candidates;
+  add_radians_as_degrees(T, candidates);
+  candidates.push_back({.reading = {"inverse", "it looks like the inverse, T_lidar_camera", T.inverse()}});
+  candidates.push_back({.reading = {"body_frame",
+                                    "its camera frame looks like the body frame (x forward, y left, z up) instead of "
+                                    "the optical frame (x right, y down, z forward)",
+                                    T_optical_body * T}});
+  candidates.push_back({.reading = {"inverse_body_frame",
+                                    "it looks like the inverse, T_lidar_camera, with the camera's body frame (x "
+                                    "forward, y left, z up) instead of the optical frame",
+                                    T_optical_body * T.inverse()}});
+  // This reading sets a camera upright that is mounted upside down, so the view cannot judge it.
+  candidates.push_back(
+      {.reading = {"quaternion_wxyz", "its quaternion looks as if it were in the order w, x, y, z",
+                   with_rotation(T, Eigen::Quaterniond(q.x(), q.y(), q.z(), q.w()).toRotationMatrix())},
+       .judged_by_view = false});
+  return candidates;
 }
 
 struct Scene {
@@ -92,28 +105,27 @@ struct Scene {
 };
 
 /// The reading that depth agrees with best, when that is well and clearly better than with the given one; a camera on
-/// its side needs less to be doubted. Few rotations become a camera that sees the same when they are multiplied by 57,
-/// so that reading needs no photo finish.
-void find_by_depth(const Scene& scene, const std::vector<ExtrinsicReading>& readings, ExtrinsicOpinion& opinion) {
+/// its side needs less to be doubted.
+void find_by_depth(const Scene& scene, const std::vector<Candidate>& candidates, ExtrinsicOpinion& opinion) {
   constexpr double good = 0.75;
   const double clearly = opinion.upright ? 0.2 : 0.05;
   double best = good;
   if (opinion.agreement) best = std::max(best, opinion.agreement->rank_correlation + clearly);
-  for (const ExtrinsicReading& reading : readings) {
+  for (const auto& [reading, lead, judged_by_view] : candidates) {
     const auto agreement = scene.agreement(reading.T_camera_lidar);
     if (!agreement || agreement->rank_correlation < best) continue;
     opinion.likely = reading, opinion.likely_agreement = agreement;
-    best = agreement->rank_correlation + (reading.code == "radians_as_degrees" ? 0.05 : 0.003);
+    best = agreement->rank_correlation + lead;
   }
 }
 
 /// The reading that sets the camera upright and sees the most, when that is about as much as with the given one: with a
 /// wide lens a wrong direction may see a few points more.
-void find_by_view(const Scene& scene, const std::vector<ExtrinsicReading>& readings, ExtrinsicOpinion& opinion) {
+void find_by_view(const Scene& scene, const std::vector<Candidate>& candidates, ExtrinsicOpinion& opinion) {
   const ExtrinsicReading* best = nullptr;
   std::size_t most = 0;
-  for (const ExtrinsicReading& reading : readings) {
-    if (reading.code == "quaternion_wxyz") continue;  // sets a camera upright that is mounted upside down
+  for (const auto& [reading, lead, judged_by_view] : candidates) {
+    if (!judged_by_view) continue;
     const View view = view_of(scene.camera, reading.T_camera_lidar, scene.scan);
     if (!view.upright || sees_nothing(view, scene.scan) || 5 * view.points < 6 * most) continue;
     best = &reading, most = view.points;
@@ -137,20 +149,22 @@ ExtrinsicOpinion examine_extrinsic(const Camera& camera, const RigidTransform& T
                            .agreement = scene.agreement(T_camera_lidar),
                            .likely = {},
                            .likely_agreement = {}};
-  const auto readings = other_readings(T_camera_lidar);
-  if (depth) find_by_depth(scene, readings, opinion);
+  const auto candidates = other_readings(T_camera_lidar);
+  if (depth) find_by_depth(scene, candidates, opinion);
   const bool agrees = opinion.agreement && opinion.agreement->rank_correlation > not_contradicting;
-  if (!opinion.likely && !agrees && (opinion.sees_nothing || !opinion.upright)) find_by_view(scene, readings, opinion);
+  if (!opinion.likely && !agrees && (opinion.sees_nothing || !opinion.upright))
+    find_by_view(scene, candidates, opinion);
   return opinion;
 }
 
 Result<void> check_extrinsic(const Camera& camera, const RigidTransform& T_camera_lidar, const LidarScan& scan) {
   const ExtrinsicOpinion opinion = examine_extrinsic(camera, T_camera_lidar, scan);
   if (opinion.plausible()) return {};
-  return fail("extrinsic_implausible", "T_camera_lidar brings " + std::to_string(opinion.points_in_view) + " of " +
-                                           std::to_string(scan.points.size()) + " points into the image" +
-                                           (opinion.upright ? "" : " and the camera on its side") +
-                                           (opinion.likely ? ": " + std::string(opinion.likely->words) : ""));
+  return fail(ErrorCode::extrinsic_implausible, "T_camera_lidar brings " + std::to_string(opinion.points_in_view) +
+                                                    " of " + std::to_string(scan.points.size()) +
+                                                    " points into the image" +
+                                                    (opinion.upright ? "" : " and the camera on its side") +
+                                                    (opinion.likely ? ": " + std::string(opinion.likely->words) : ""));
 }
 
 }  // namespace calib

@@ -349,7 +349,7 @@ Result<FeatureSet> make_features(const FramePair& pair, const DepthMap& depth, c
                                  const RigidTransform& T_camera_lidar, const FeatureSettings& settings) {
   if (depth.width != camera.width() || depth.height != camera.height() ||
       depth.inverse_depth.size() != static_cast<std::size_t>(depth.width) * depth.height)
-    return fail("depth_failed", "the depth map does not have the camera's size");
+    return fail(ErrorCode::depth_failed, "the depth map does not have the camera's size");
   FeatureSet features;
   features.stamp = pair.scan.stamp;
   FeaturePlanes planes;
@@ -377,9 +377,10 @@ Result<FeatureSet> make_features(const FramePair& pair, const DepthMap& depth, c
 
   const int on_depth = points_on_depth(features, T_camera_lidar);
   if (on_depth < settings.min_points)
-    return fail("low_overlap", std::to_string(on_depth) + " LiDAR points land on pixels with depth, at least " +
-                                   std::to_string(settings.min_points) +
-                                   " are needed; do camera and LiDAR look the same way, and is T_camera_lidar right?");
+    return fail(ErrorCode::low_overlap,
+                std::to_string(on_depth) + " LiDAR points land on pixels with depth, at least " +
+                    std::to_string(settings.min_points) +
+                    " are needed; do camera and LiDAR look the same way, and is T_camera_lidar right?");
   return features;
 }
 

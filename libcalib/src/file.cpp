@@ -29,7 +29,7 @@ std::string kind_of(mode_t mode) {
 }
 
 tl::unexpected<Error> unreadable(const std::filesystem::path& file, const std::string& why) {
-  return fail("file_unreadable", file.string() + ": cannot be read: " + why);
+  return fail(ErrorCode::file_unreadable, file.string() + ": cannot be read: " + why);
 }
 
 std::string size_in_words(std::uint64_t bytes) {
@@ -61,7 +61,8 @@ Result<std::string> read_regular_file(const std::filesystem::path& file, std::ui
   struct stat about {};
   if (::stat(file.c_str(), &about) != 0) {
     const bool missing = errno == ENOENT || errno == ENOTDIR;
-    return fail(missing ? "file_not_found" : "file_unreadable", file.string() + ": cannot be read: " + last_error());
+    return fail(missing ? ErrorCode::file_not_found : ErrorCode::file_unreadable,
+                file.string() + ": cannot be read: " + last_error());
   }
   // Asked twice: opening a device may already do something, and the name may lead elsewhere by then.
   if (!S_ISREG(about.st_mode)) return unreadable(file, "it is " + kind_of(about.st_mode));
@@ -69,7 +70,8 @@ Result<std::string> read_regular_file(const std::filesystem::path& file, std::ui
   if (in.number < 0 || ::fstat(in.number, &about) != 0) return unreadable(file, last_error());
   if (!S_ISREG(about.st_mode)) return unreadable(file, "it is " + kind_of(about.st_mode));
   const auto size = static_cast<std::uint64_t>(about.st_size);
-  if (size > max_bytes) return fail("file_too_large", file.string() + ": is larger than " + size_in_words(max_bytes));
+  if (size > max_bytes)
+    return fail(ErrorCode::file_too_large, file.string() + ": is larger than " + size_in_words(max_bytes));
 
   std::string bytes(size, '\0');
   std::size_t length = 0;
@@ -85,7 +87,7 @@ Result<std::string> read_regular_file(const std::filesystem::path& file, std::ui
 
 Result<void> replace_file(const std::filesystem::path& file, std::string_view bytes) {
   const auto refuse = [&](const std::string& why) {
-    return fail("write_failed", file.string() + " cannot be written: " + why);
+    return fail(ErrorCode::write_failed, file.string() + " cannot be written: " + why);
   };
   struct stat about {};
   if (::lstat(file.c_str(), &about) == 0 && !S_ISREG(about.st_mode) && !S_ISLNK(about.st_mode))

@@ -23,8 +23,9 @@ RigidTransform perturbation_about(const Vector6& delta, const Eigen::Vector3d& p
 }
 
 Vector6 perturbation_parameters(const RigidTransform& motion) {
-  // R = Rx Ry Rz: R(0,2) = sin(pitch). Yaw is taken from Rx^-1 R, whose middle row is (sin(yaw), cos(yaw), 0): so roll and
-  // yaw stay consistent with each other where the pitch is a right angle and only their sum or difference is defined.
+  // R = Rx Ry Rz: R(0,2) = sin(pitch). Yaw is taken from Rx^-1 R, whose middle row is (sin(yaw), cos(yaw), 0): so roll
+  // and yaw stay consistent with each other where the pitch is a right angle and only their sum or difference is
+  // defined.
   const Eigen::Matrix3d R = motion.linear();
   Vector6 delta;
   delta[0] = std::atan2(-R(1, 2), R(2, 2));
@@ -44,11 +45,11 @@ Result<RigidTransform> make_transform(const std::array<double, 3>& translation,
                                       const std::array<double, 4>& quaternion) {
   const auto finite = [](double value) { return std::isfinite(value); };
   if (!std::ranges::all_of(translation, finite) || !std::ranges::all_of(quaternion, finite))
-    return fail("bad_transform", "a transform holds a number that is not finite");
+    return fail(ErrorCode::bad_transform, "a transform holds a number that is not finite");
   const Eigen::Quaterniond q(quaternion[3], quaternion[0], quaternion[1], quaternion[2]);
   if (std::abs(q.norm() - 1) > 1e-3)
-    return fail("bad_transform", "quaternion_xyzw has norm " + std::to_string(q.norm()) +
-                                     " where 1 is needed (order is x, y, z, w)");
+    return fail(ErrorCode::bad_transform,
+                "quaternion_xyzw has norm " + std::to_string(q.norm()) + " where 1 is needed (order is x, y, z, w)");
   RigidTransform transform = RigidTransform::Identity();
   transform.linear() = q.normalized().toRotationMatrix();
   transform.translation() = Eigen::Vector3d(translation[0], translation[1], translation[2]);

@@ -116,19 +116,22 @@ std::optional<bool> has_external_data(std::string_view bytes) { return scan(Mess
 Result<std::string> read_model_file(const DepthModel& model) {
   const std::string file = model.file.string(), descriptor = model.descriptor.string();
   auto bytes = read_regular_file(model.file, max_bytes);
-  if (!bytes && bytes.error().code == "file_too_large")
-    return fail("depth_failed", file + ": is larger than 1 GiB; use a smaller network");
+  if (!bytes && bytes.error().code == ErrorCode::file_too_large)
+    return fail(ErrorCode::depth_failed, file + ": is larger than 1 GiB; use a smaller network");
   if (!bytes)
-    return fail("depth_failed", bytes.error().context + "; put the network there that " + descriptor + " describes");
+    return fail(ErrorCode::depth_failed,
+                bytes.error().context + "; put the network there that " + descriptor + " describes");
   if (const std::string sha256 = sha256_hex(*bytes); sha256 != model.sha256)
-    return fail("depth_failed", file + ": its SHA-256 is " + sha256 + " where " + descriptor + " pins " + model.sha256 +
-                                    "; put the pinned network back, or pin this one when it is the one you mean");
+    return fail(ErrorCode::depth_failed,
+                file + ": its SHA-256 is " + sha256 + " where " + descriptor + " pins " + model.sha256 +
+                    "; put the pinned network back, or pin this one when it is the one you mean");
   const auto external = has_external_data(*bytes);
-  if (!external) return fail("depth_failed", file + ": is not an ONNX model; export the network to ONNX");
+  if (!external) return fail(ErrorCode::depth_failed, file + ": is not an ONNX model; export the network to ONNX");
   if (*external)
-    return fail("depth_failed", file +
-                                    ": keeps its weights in other files; export the network as one file, without "
-                                    "external data");
+    return fail(ErrorCode::depth_failed,
+                file +
+                    ": keeps its weights in other files; export the network as one file, without "
+                    "external data");
   return bytes;
 }
 

@@ -86,7 +86,7 @@ OnnxNetwork::OnnxNetwork(const DepthModel& model, const OnnxSettings& settings)
     : model_(model), settings_(settings), env_(ORT_LOGGING_LEVEL_FATAL, "calib", say_nothing, nullptr) {}
 
 tl::unexpected<Error> OnnxNetwork::refuse(const std::string& what) const {
-  return fail("depth_failed", model_.file.string() + ": " + what);
+  return fail(ErrorCode::depth_failed, model_.file.string() + ": " + what);
 }
 
 Ort::SessionOptions OnnxNetwork::session_options() const {
@@ -119,7 +119,7 @@ void OnnxNetwork::open(const std::string& bytes) {
 Result<void> OnnxNetwork::load() {
   if (session_) return {};
   const auto bytes = read_model_file(model_);
-  if (!bytes) return tl::unexpected(bytes.error());
+  if (!bytes) return propagate(bytes);
   try {
     open(*bytes);
     auto checked = check_input();

@@ -71,7 +71,7 @@ Result<void> write_overlay(const std::filesystem::path& file, const FramePair& p
       return replace_file(file, {reinterpret_cast<const char*>(encoded.data()), encoded.size()});
   } catch (const cv::Exception&) {  // an extension that is no picture's; reported below
   }
-  return fail("write_failed",
+  return fail(ErrorCode::write_failed,
               file.string() + " cannot be written; its extension says which kind of picture, such as .png");
 }
 

@@ -89,19 +89,19 @@ std::optional<FramePair> PairBuffer::take() {
 
 Error PairBuffer::why_none() const {
   if (images_.empty())
-    return {"sensor_silent", "no image arrived; is the camera's driver running, and the topic right?"};
+    return {ErrorCode::sensor_silent, "no image arrived; is the camera's driver running, and the topic right?"};
   if (scans_.empty())
-    return {"sensor_silent", "no point cloud arrived; is the LiDAR's driver running, and the topic right?"};
+    return {ErrorCode::sensor_silent, "no point cloud arrived; is the LiDAR's driver running, and the topic right?"};
   if (companions_.right_image && right_images_.empty())
-    return {"right_image_missing",
+    return {ErrorCode::right_image_missing,
             "no right image arrived; is the right camera's driver running, and the topic right?"};
   if (companions_.depth && depths_.empty())
-    return {"depth_missing", "no depth arrived; is what makes it running, and the topic right?"};
+    return {ErrorCode::depth_missing, "no depth arrived; is what makes it running, and the topic right?"};
   if (companions_.turn_rate && std::ranges::any_of(images_, [&](const Image& image) {
         const auto difference = std::chrono::abs(nearest(scans_, image.stamp)->stamp - image.stamp);
         return has_companions(image.stamp) && difference <= max_time_difference_;
       }))
-    return {"motion_unknown",
+    return {ErrorCode::motion_unknown,
             turn_rates_.empty()
                 ? "no turn rate arrived; is what publishes motion.topic running, and the topic right?"
                 : "no turn rate was measured within 150 ms before and after a pair; is motion.topic published at 10 Hz "
@@ -114,11 +114,12 @@ Error PairBuffer::why_none() const {
                             return has_one_at(right_images_, image.stamp);
                           });
     if (no_right || !companions_.depth)
-      return {"right_image_missing",
+      return {ErrorCode::right_image_missing,
               "no right image has the stamp of a left one (within 5 ms); are they triggered together?"};
-    return {"depth_missing", "no depth has the stamp of an image (within 5 ms); is it made of this camera's images?"};
+    return {ErrorCode::depth_missing,
+            "no depth has the stamp of an image (within 5 ms); is it made of this camera's images?"};
   }
-  return {"time_difference",
+  return {ErrorCode::time_difference,
           "image and point cloud are at least " +
               std::to_string(std::chrono::duration_cast<std::chrono::milliseconds>(smallest).count()) +
               " ms apart; are the sensors' clocks synchronised?"};

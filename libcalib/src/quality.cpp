@@ -29,7 +29,7 @@ double mean_absolute_difference(const SceneThumbnail& a, const SceneThumbnail& b
 }
 
 /// All refusals by a number read alike.
-Result<void> refuse(const char* code, const char* what, double value, double limit) {
+Result<void> refuse(ErrorCode code, const char* what, double value, double limit) {
   return fail(code, std::string(what) + " is " + two_decimals(value) + ", the limit is " + two_decimals(limit));
 }
 
@@ -54,13 +54,14 @@ Result<void> check_pair(const FramePair& pair, const Camera& camera, const Scene
                         const QualityLimits& limits) {
   const Image& image = pair.image;
   if (image.width != camera.width() || image.height != camera.height())
-    return fail("image_size_mismatch", "the image is " + std::to_string(image.width) + " x " +
-                                           std::to_string(image.height) + ", the configured camera " +
-                                           std::to_string(camera.width()) + " x " + std::to_string(camera.height()));
+    return fail(ErrorCode::image_size_mismatch, "the image is " + std::to_string(image.width) + " x " +
+                                                    std::to_string(image.height) + ", the configured camera " +
+                                                    std::to_string(camera.width()) + " x " +
+                                                    std::to_string(camera.height()));
   if (pair.turn_rate_rad_s) {
     const double apart_s = std::abs(std::chrono::duration<double>(pair.time_difference()).count());
     if (const double turn_rad = apart_s * *pair.turn_rate_rad_s; turn_rad > limits.max_turn_rad)
-      return refuse("motion", "turn between image and point cloud in degrees", turn_rad / radians_per_degree,
+      return refuse(ErrorCode::motion, "turn between image and point cloud in degrees", turn_rad / radians_per_degree,
                     limits.max_turn_rad / radians_per_degree);
   }
   constexpr int step = 4;
@@ -75,15 +76,17 @@ Result<void> check_pair(const FramePair& pair, const Camera& camera, const Scene
     }
   }
   const auto n = static_cast<double>(count);
-  if (grey / n < limits.min_mean_grey) return refuse("dark", "mean grey", grey / n, limits.min_mean_grey);
+  if (grey / n < limits.min_mean_grey) return refuse(ErrorCode::dark, "mean grey", grey / n, limits.min_mean_grey);
   if (saturated / n > limits.max_saturated_share)
-    return refuse("saturated", "share of saturated pixels", saturated / n, limits.max_saturated_share);
-  if (texture / n < limits.min_texture) return refuse("low_texture", "texture", texture / n, limits.min_texture);
+    return refuse(ErrorCode::saturated, "share of saturated pixels", saturated / n, limits.max_saturated_share);
+  if (texture / n < limits.min_texture)
+    return refuse(ErrorCode::low_texture, "texture", texture / n, limits.min_texture);
   if (last != nullptr)
     if (const double change = mean_absolute_difference(thumbnail(image), *last); change < limits.min_scene_change)
-      return refuse("standing_still", "grey difference to the last evaluated image", change, limits.min_scene_change);
+      return refuse(ErrorCode::standing_still, "grey difference to the last evaluated image", change,
+                    limits.min_scene_change);
   if (pair.scan.points.size() < static_cast<std::size_t>(limits.min_points))
-    return fail("low_overlap", "the scan has only " + std::to_string(pair.scan.points.size()) + " points");
+    return fail(ErrorCode::low_overlap, "the scan has only " + std::to_string(pair.scan.points.size()) + " points");
   return {};
 }
 
@@ -112,7 +115,7 @@ void mask_depth(const Image& image, const DepthRange& range, DepthMap& depth) {
 
 Result<void> check_depth(const DepthMap& depth, const QualityLimits& limits) {
   if (const double share = depth.valid_share(); share < limits.min_valid_depth)
-    return refuse("few_valid_depth", "share of pixels with depth", share, limits.min_valid_depth);
+    return refuse(ErrorCode::few_valid_depth, "share of pixels with depth", share, limits.min_valid_depth);
   return {};
 }
 

@@ -54,7 +54,7 @@ Result<Found> search_observable(Frames fit, const RigidTransform& T, SearchResul
       return found;
     }
     auto again = search(fit, T, Method::standard, {.bounds = bounds, .released = kept, .keep_going = how.keep_going});
-    if (!again) return tl::unexpected(again.error());
+    if (!again) return propagate(again);
     evaluations += again->evaluations;
     found.result = *std::move(again);
   }
@@ -88,15 +88,16 @@ Result<Objection> judge(const Candidate& candidate, const Gain& held_back, const
 Result<Recalibration> recalibrate(Frames fit, Frames held_back, const RigidTransform& T_camera_lidar,
                                   const RecalibrationSettings& settings) {
   if (fit.size() < 3 || held_back.size() < 2)
-    return fail("too_few_pairs", std::to_string(fit.size()) + " pairs to fit and " + std::to_string(held_back.size()) +
-                                     " held back; at least 3 and 2 are needed");
+    return fail(ErrorCode::too_few_pairs, std::to_string(fit.size()) + " pairs to fit and " +
+                                              std::to_string(held_back.size()) +
+                                              " held back; at least 3 and 2 are needed");
   const SearchSettings rotation{
       .bounds = settings.bounds, .released = rotation_axes, .keep_going = settings.keep_going};
   const SearchSettings everything{.bounds = settings.bounds, .keep_going = settings.keep_going};
   const auto rotated = search(fit, T_camera_lidar, Method::standard, rotation);
-  if (!rotated) return tl::unexpected(rotated.error());
+  if (!rotated) return propagate(rotated);
   const auto moved = settings.translation ? search(fit, T_camera_lidar, Method::standard, everything) : rotated;
-  if (!moved) return tl::unexpected(moved.error());
+  if (!moved) return propagate(moved);
   const Objective& objective = moved->objective;
 
   Recalibration result;
@@ -106,7 +107,7 @@ Result<Recalibration> recalibrate(Frames fit, Frames held_back, const RigidTrans
   const auto found =
       search_observable(fit, T_camera_lidar, translated ? *moved : *rotated,
                         translated ? everything.released : rotation.released, settings, result.evaluations);
-  if (!found) return tl::unexpected(found.error());
+  if (!found) return propagate(found);
   result.moved = found->released;
   result.T_camera_lidar = found->result.T_camera_lidar;
   result.delta = found->result.delta;
@@ -126,9 +127,9 @@ Result<Recalibration> recalibrate(Frames fit, Frames held_back, const RigidTrans
                             .at_limit = found->result.ends_at_limit ? found->result.reason : ""};
   const Gain gained = gain(held_back, T_camera_lidar, result.T_camera_lidar, objective);
   auto objection = judge(candidate, gained, settings, result.evaluations);
-  if (!objection) return tl::unexpected(objection.error());
+  if (!objection) return propagate(objection);
   if (settings.keep_going && !settings.keep_going())
-    return fail("cancelled", "the recalibration was ended before it was done");
+    return fail(ErrorCode::cancelled, "the recalibration was ended before it was done");
   result.accepted = !objection->has_value();
   result.reason = result.accepted ? "better on pairs held back: " + held_back_in_words(gained) : std::move(**objection);
   if (any(found->left)) result.reason += "; not observable and left as it was: " + names_of(found->left);

@@ -181,7 +181,7 @@ Result<Objection> not_repeatable(const Candidate& candidate, const std::function
     std::vector<const FeatureSet*> frames;
     for (std::size_t i = half; i < candidate.fit.size(); i += 2) frames.push_back(candidate.fit[i]);
     const auto again = search(frames, candidate.T_after * perturbation(off), Method::standard, near);
-    if (!again) return tl::unexpected(again.error());
+    if (!again) return propagate(again);
     evaluations += again->evaluations;
     const Vector6 difference = perturbation_parameters(candidate.T_after.inverse() * again->T_camera_lidar);
     if (const double apart = deviations(difference, explained, axes); apart > most_deviations)

@@ -256,13 +256,13 @@ Result<CalibrationRecord> parse_record(std::string_view canonical) {
     require(json_fields::canonical_text(object) == canonical, "its bytes are not in canonical form");
     return record;
   } catch (const std::exception& error) {
-    return fail("malformed_record", std::string("this is not a calibration record: ") + error.what());
+    return fail(ErrorCode::malformed_record, std::string("this is not a calibration record: ") + error.what());
   }
 }
 
 Result<SignedRecord> sign_record(const CalibrationRecord& record, const SigningKey& key) {
   std::string canonical = canonical_bytes(record);
-  if (const auto readable = parse_record(canonical); !readable) return tl::unexpected(readable.error());
+  if (const auto readable = parse_record(canonical); !readable) return propagate(readable);
   std::string signature = key.sign(canonical, trusted_comment(record));
   return SignedRecord{std::move(canonical), std::move(signature)};
 }
@@ -271,15 +271,15 @@ Result<CalibrationRecord> verify_record(const SignedRecord& record, const Public
                                         std::string_view expected_previous_sha256, std::uint64_t expected_sequence) {
   // The signature first: nothing that nobody signed is parsed.
   if (const auto is_signed = verify_signature(record.canonical, record.signature, key); !is_signed)
-    return tl::unexpected(is_signed.error());
+    return propagate(is_signed);
   auto parsed = parse_record(record.canonical);
   if (!parsed) return parsed;
   if (parsed->sequence != expected_sequence)
-    return fail("broken_chain", "it says that it is record " + std::to_string(parsed->sequence) + " where record " +
-                                    std::to_string(expected_sequence) + " should be");
+    return fail(ErrorCode::broken_chain, "it says that it is record " + std::to_string(parsed->sequence) +
+                                             " where record " + std::to_string(expected_sequence) + " should be");
   if (parsed->previous_sha256 != expected_previous_sha256)
-    return fail("broken_chain", "it follows a record with SHA-256 " + parsed->previous_sha256 +
-                                    ", but the record before it has " + std::string(expected_previous_sha256));
+    return fail(ErrorCode::broken_chain, "it follows a record with SHA-256 " + parsed->previous_sha256 +
+                                             ", but the record before it has " + std::string(expected_previous_sha256));
   return parsed;
 }
 

@@ -33,21 +33,21 @@ Result<Optimum> finish_six(SearchSteps& steps, const RigidTransform& T_near) {
   const Matrix6 directions = steps.hill_directions(T_near, objective_of({{.ranks_per_class = 8}}, 2));
   // Widely at first: a flat valley is full of small hills.
   const auto T_hill = steps.climb_along(T_near, directions, hill, {.radius = 4, .to_the_top = false});
-  if (!T_hill) return tl::unexpected(T_hill.error());
+  if (!T_hill) return propagate(T_hill);
   const auto found = steps.climb_along(*T_hill, directions, whole, {});
-  if (!found) return tl::unexpected(found.error());
+  if (!found) return propagate(found);
   const auto turned = [&](const Eigen::VectorXd& x) {
     Vector6 delta = Vector6::Zero();
     delta.head<3>() = same_rotation_rad * x;
     return RigidTransform(*found * perturbation(delta));
   };
   const auto by_tiles = steps.climb(3, turned, by_rotation, {.batches = 2});
-  if (!by_tiles) return tl::unexpected(by_tiles.error());
+  if (!by_tiles) return propagate(by_tiles);
   if (rotation_angle_rad(found->inverse() * *by_tiles) < same_rotation_rad) return Optimum{*found, whole};
   Objective distrustful = whole;
   distrustful.terms[0].weight = 0.1;
   const auto again = steps.climb_along(*by_tiles, directions, distrustful, {});
-  if (!again) return tl::unexpected(again.error());
+  if (!again) return propagate(again);
   return Optimum{*again, distrustful, true};
 }
 
@@ -60,14 +60,14 @@ Result<Optimum> search_standard(SearchSteps& steps, const RigidTransform& T_star
   steps.look_about(T, bounds);
   if (parameters != 0 && (settings.any_orientation || settings.bounds.rotation_rad > 2.5 * radians_per_degree)) {
     const auto found = steps.coarse();
-    if (!found) return tl::unexpected(found.error());
+    if (!found) return propagate(found);
     T = *found;
     if (bounds.rotation_rad > near_rad) steps.look_about(T, {near_rad, bounds.translation_m});
   }
   for (const int stage : parameters == 6 ? std::vector<int>{3, 6} : std::vector<int>{parameters}) {
     const Objective hill = objective_of({{.ranks_per_class = 8}}, stage == 6 ? 2 : 4);  // translation needs more points
     const auto better = steps.maximise(T, stage, 0.7, hill);
-    if (!better) return tl::unexpected(better.error());
+    if (!better) return propagate(better);
     T = *better;
     steps.tell(stage == parameters ? 0.7 : 0.6);
   }
@@ -75,7 +75,7 @@ Result<Optimum> search_standard(SearchSteps& steps, const RigidTransform& T_star
   if (parameters == 6) return finish_six(steps, T);
   const Objective top = final_objective(Method::standard, settings.released);
   const auto found = steps.maximise_again(T, parameters, 0.3, top);
-  if (!found) return tl::unexpected(found.error());
+  if (!found) return propagate(found);
   return Optimum{*found, top};
 }
 
@@ -89,14 +89,14 @@ Result<Optimum> search_as_published(SearchSteps& steps, const RigidTransform& T_
   const Objective top = final_objective(method, settings.released);
   if (method != Method::i2i_nmi) {
     const auto found = steps.maximise(T_start, 0, first_step, top);
-    if (!found) return tl::unexpected(found.error());
+    if (!found) return propagate(found);
     return Optimum{*found, top};
   }
   const Objective hill = objective_of({{FeaturePair::intensity, 1, 8, true}});
   const auto near = steps.maximise(T_start, 0, first_step, hill);
-  if (!near) return tl::unexpected(near.error());
+  if (!near) return propagate(near);
   const auto found = steps.maximise_again(*near, 0, std::min(first_step, 0.3), top);
-  if (!found) return tl::unexpected(found.error());
+  if (!found) return propagate(found);
   return Optimum{*found, top};
 }
 
@@ -128,18 +128,18 @@ Objective drift_objective(bool depth_is_guessed) {
 
 Result<SearchResult> search(Frames frames, const RigidTransform& T_camera_lidar, Method method,
                             const SearchSettings& settings) {
-  if (frames.empty()) return fail("too_few_pairs", "there is no frame to search with");
+  if (frames.empty()) return fail(ErrorCode::too_few_pairs, "there is no frame to search with");
   if (std::ranges::none_of(settings.released, [](bool axis) { return axis; }))
-    return fail("search_failed", "no axis is released");
-  if (!T_camera_lidar.matrix().allFinite()) return fail("search_failed", "the extrinsic is not a number");
+    return fail(ErrorCode::search_failed, "no axis is released");
+  if (!T_camera_lidar.matrix().allFinite()) return fail(ErrorCode::search_failed, "the extrinsic is not a number");
   SearchSteps steps(frames, T_camera_lidar, settings);
   if (settings.any_orientation && steps.parameters() == 0)
-    return fail("search_failed",
+    return fail(ErrorCode::search_failed,
                 "for any orientation roll, pitch and yaw must be released, and all of x, y, z or none");
   const auto found = method == Method::standard ? search_standard(steps, T_camera_lidar, settings)
                                                 : search_as_published(steps, T_camera_lidar, method, settings);
-  if (steps.cancelled()) return fail("cancelled", "the search was ended before it was done");
-  if (!found) return tl::unexpected(found.error());
+  if (steps.cancelled()) return fail(ErrorCode::cancelled, "the search was ended before it was done");
+  if (!found) return propagate(found);
 
   SearchResult result;
   result.T_camera_lidar = found->T;
@@ -149,7 +149,7 @@ Result<SearchResult> search(Frames frames, const RigidTransform& T_camera_lidar,
   const Score before = mean_score(frames, T_camera_lidar, found->objective);
   const Score after = mean_score(frames, found->T, found->objective);
   if (after.points < min_scored_points)
-    return fail("search_failed", "hardly a LiDAR point is in view; do camera and LiDAR look the same way?");
+    return fail(ErrorCode::search_failed, "hardly a LiDAR point is in view; do camera and LiDAR look the same way?");
   result.score_before = before.value;
   result.score_after = after.value;
   result.evaluations = steps.evaluations();
@@ -166,7 +166,7 @@ Result<SearchResult> search(Frames frames, const RigidTransform& T_camera_lidar,
 Result<Method> parse_method(std::string_view name) {
   for (const Method method : {Method::standard, Method::d2d, Method::i2i, Method::i2i_nmi})
     if (name == to_string(method)) return method;
-  return fail("unknown_objective",
+  return fail(ErrorCode::unknown_objective,
               "objective '" + escape_control(name) + "' is not known; there are default, d2d, i2i and i2i_nmi");
 }
 

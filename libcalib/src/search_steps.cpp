@@ -155,7 +155,7 @@ Result<void> SearchSteps::optimise(std::vector<double> x, const std::vector<doub
   } catch (const nlopt::roundoff_limited&) {
     exhausted_ = false;  // as near as arithmetic allows
   } catch (const std::exception& exception) {
-    return fail("search_failed", std::string("BOBYQA stopped: ") + exception.what());
+    return fail(ErrorCode::search_failed, std::string("BOBYQA stopped: ") + exception.what());
   }
   return {};
 }
@@ -192,7 +192,7 @@ Result<RigidTransform> SearchSteps::maximise(const RigidTransform& T_base, int p
     return result;
   };
   if (auto done = optimise(start, bounds, {.first_step = first_step, .budget = budget}, at); !done)
-    return tl::unexpected(done.error());
+    return propagate(done);
   return best;
 }
 
@@ -279,7 +279,7 @@ Result<RigidTransform> SearchSteps::follow_valley(const Place& place, Eigen::Vec
     if (auto done =
             optimise(std::vector<double>(parameters, 0), room, {.first_step = first_step, .tolerance = 0.05}, at);
         !done)
-      return tl::unexpected(done.error());
+      return propagate(done);
     if (first_step > 1 && best_value - before < negligible_gain) break;
   }
   return place(best);

@@ -91,8 +91,8 @@ std::string id_text(const std::array<std::uint8_t, 8>& id) {
   return text;
 }
 
-Error os_error(std::string code, const std::filesystem::path& file) {
-  return {std::move(code), file.string() + ": " + std::strerror(errno)};
+Error os_error(ErrorCode code, const std::filesystem::path& file) {
+  return {code, file.string() + ": " + std::strerror(errno)};
 }
 
 /// The content of a small file, read without a buffer that nobody wipes. `require_private` refuses a file
@@ -102,14 +102,14 @@ Result<Secret> read_key_file(const std::filesystem::path& file, bool require_pri
   const FileDescriptor descriptor{::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK)};
   struct stat about {};
   if (descriptor.number < 0 || ::fstat(descriptor.number, &about) != 0)
-    return tl::unexpected(os_error(errno == ENOENT ? "key_not_found" : "bad_key", file));
+    return tl::unexpected(os_error(errno == ENOENT ? ErrorCode::key_not_found : ErrorCode::bad_key, file));
   if (!S_ISREG(about.st_mode) || about.st_size <= 0 || about.st_size > static_cast<off_t>(largest_key_file))
-    return fail("bad_key", file.string() + " is not a minisign key file");
+    return fail(ErrorCode::bad_key, file.string() + " is not a minisign key file");
   if (require_private && (about.st_mode & S_IRWXO) != 0)
-    return fail("key_permissions", file.string() + " is open to every user; run: chmod 600 " + file.string());
+    return fail(ErrorCode::key_permissions, file.string() + " is open to every user; run: chmod 600 " + file.string());
   Result<Secret> content(tl::in_place, static_cast<std::size_t>(about.st_size));
   const ssize_t length = ::read(descriptor.number, content->bytes.data(), content->bytes.size());
-  if (length != about.st_size) return fail("bad_key", file.string() + " could not be read in full");
+  if (length != about.st_size) return fail(ErrorCode::bad_key, file.string() + " could not be read in full");
   return content;
 }
 
@@ -123,12 +123,12 @@ std::optional<std::string_view> key_line(std::string_view content) {
 Result<void> write_new_file(const std::filesystem::path& file, std::string_view content, mode_t mode) {
   const FileDescriptor descriptor{::open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, mode)};
   if (descriptor.number < 0 && errno == EEXIST)
-    return fail("key_exists", file.string() + " exists and is kept; choose another name or move it away");
+    return fail(ErrorCode::key_exists, file.string() + " exists and is kept; choose another name or move it away");
   // fchmod: the creation mask must not take the public key from those who verify.
   if (descriptor.number < 0 || ::fchmod(descriptor.number, mode) != 0 ||
       ::write(descriptor.number, content.data(), content.size()) != static_cast<ssize_t>(content.size()) ||
       ::fsync(descriptor.number) != 0)
-    return tl::unexpected(os_error("key_not_written", file));
+    return tl::unexpected(os_error(ErrorCode::key_not_written, file));
   return {};
 }
 
@@ -148,16 +148,16 @@ SigningKey SigningKey::generate() {
 Result<SigningKey> SigningKey::load(const std::filesystem::path& file) {
   require_sodium();
   const auto content = read_key_file(file, true);
-  if (!content) return tl::unexpected(content.error());
+  if (!content) return propagate(content);
   const auto line = key_line(content->text());
   Secret raw(secret_key_bytes);
   if (!line || !from_base64(*line, raw.bytes.data(), raw.bytes.size()) ||
       !std::equal(key_algorithm.begin(), key_algorithm.end(), raw.bytes.begin()))
-    return fail("bad_key", file.string() + " is not a minisign secret key");
+    return fail(ErrorCode::bad_key, file.string() + " is not a minisign secret key");
   if (!std::equal(no_key_derivation.begin(), no_key_derivation.end(), raw.bytes.begin() + 2))
-    return fail("bad_key", file.string() +
-                               " is protected by a password, which a daemon cannot type; make one "
-                               "with `calibctl keygen` or `minisign -G -W`");
+    return fail(ErrorCode::bad_key, file.string() +
+                                        " is protected by a password, which a daemon cannot type; make one "
+                                        "with `calibctl keygen` or `minisign -G -W`");
   SigningKey key;
   std::copy_n(raw.bytes.begin() + secret_id_at, key.id_.size(), key.id_.begin());
   std::copy_n(raw.bytes.begin() + secret_key_at, key.secret_.size(), key.secret_.begin());
@@ -167,7 +167,7 @@ Result<SigningKey> SigningKey::load(const std::filesystem::path& file) {
   Secret derived(crypto_sign_SECRETKEYBYTES);
   crypto_sign_seed_keypair(public_half.data(), derived.bytes.data(), key.secret_.data());
   if (sodium_memcmp(derived.bytes.data(), key.secret_.data(), key.secret_.size()) != 0)
-    return fail("bad_key", file.string() + " is damaged: its two halves do not belong together");
+    return fail(ErrorCode::bad_key, file.string() + " is damaged: its two halves do not belong together");
   return key;
 }
 
@@ -193,7 +193,7 @@ Result<void> SigningKey::save(const std::filesystem::path& file) const {
   std::filesystem::path public_path = file;
   public_path.replace_extension(".pub");
   Result<void> written =
-      public_path == file ? fail("bad_name", file.string() + " is the name of the public key; choose another")
+      public_path == file ? fail(ErrorCode::bad_name, file.string() + " is the name of the public key; choose another")
                           : write_new_file(file, secret_file, 0600);
   sodium_memzero(secret_text.data(), secret_text.size());
   sodium_memzero(secret_file.data(), secret_file.size());
@@ -269,12 +269,12 @@ SigningKey::~SigningKey() { sodium_memzero(secret_.data(), secret_.size()); }
 Result<PublicKey> load_public_key(const std::filesystem::path& file) {
   require_sodium();
   const auto content = read_key_file(file, false);
-  if (!content) return tl::unexpected(content.error());
+  if (!content) return propagate(content);
   const auto line = key_line(content->text());
   std::array<std::uint8_t, public_key_bytes> raw;
   if (!line || !from_base64(*line, raw.data(), raw.size()) ||
       !std::equal(key_algorithm.begin(), key_algorithm.end(), raw.begin()))
-    return fail("bad_key", file.string() + " is not a minisign public key");
+    return fail(ErrorCode::bad_key, file.string() + " is not a minisign public key");
   PublicKey key;
   std::copy_n(raw.begin() + key_algorithm.size(), key.id.size(), key.id.begin());
   std::copy_n(raw.begin() + key_algorithm.size() + key.id.size(), key.key.size(), key.key.begin());
@@ -290,23 +290,23 @@ Result<void> verify_signature(std::string_view bytes, std::string_view signature
       !from_base64(lines[1], block.data(), block.size()) ||
       !from_base64(lines[3], global.data(), global.size()) ||
       !std::equal(signature_algorithm.begin(), signature_algorithm.end(), block.begin()))
-    return fail("bad_signature", "the signature is not a minisign signature file of a hashed (ED) signature");
+    return fail(ErrorCode::bad_signature, "the signature is not a minisign signature file of a hashed (ED) signature");
 
   std::array<std::uint8_t, 8> signer;
   std::copy_n(block.begin() + signature_algorithm.size(), signer.size(), signer.begin());
   if (signer != key.id)
-    return fail("wrong_key", "signed by key " + id_text(signer) + ", you have " + key.id_text());
+    return fail(ErrorCode::wrong_key, "signed by key " + id_text(signer) + ", you have " + key.id_text());
 
   const std::uint8_t* const signature = block.data() + signature_algorithm.size() + signer.size();
   std::array<std::uint8_t, crypto_generichash_BYTES_MAX> hash;
   crypto_generichash(hash.data(), hash.size(), as_bytes(bytes), bytes.size(), nullptr, 0);
   if (crypto_sign_verify_detached(signature, hash.data(), hash.size(), key.key.data()) != 0)
-    return fail("bad_signature", "key " + key.id_text() + " did not sign these bytes");
+    return fail(ErrorCode::bad_signature, "key " + key.id_text() + " did not sign these bytes");
 
   std::string sealed(reinterpret_cast<const char*>(signature), crypto_sign_BYTES);
   sealed += lines[2].substr(trusted_prefix.size());
   if (crypto_sign_verify_detached(global.data(), as_bytes(sealed), sealed.size(), key.key.data()) != 0)
-    return fail("bad_signature", "the trusted comment is not the one that was signed");
+    return fail(ErrorCode::bad_signature, "the trusted comment is not the one that was signed");
   return {};
 }
 

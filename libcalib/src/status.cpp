@@ -237,7 +237,7 @@ void expire(Status& status, const BootTime& now) {
 
 Result<Status> parse_status(const json& object) {
   try {
-    if (object.at("schema") != 1) return fail("malformed_status", "the status has a schema other than 1");
+    if (object.at("schema") != 1) return fail(ErrorCode::malformed_status, "the status has a schema other than 1");
     Status status;
     status.vehicle = object.at("vehicle").get<std::string>();
     const json& daemon = object.at("daemon");
@@ -250,7 +250,7 @@ Result<Status> parse_status(const json& object) {
       status.records_missing = optional_from<std::string>(records->at("missing"));
     return status;
   } catch (const std::exception& error) {
-    return fail("malformed_status", std::string("this is not a status of calibd: ") + error.what());
+    return fail(ErrorCode::malformed_status, std::string("this is not a status of calibd: ") + error.what());
   }
 }
 

@@ -29,16 +29,18 @@ Result<StereoRectification> StereoRectification::make(const Camera& left, const 
   StereoRectification made;
   made.baseline_m_ = right_in_left.norm();
   if (!(made.baseline_m_ >= least_baseline_m && made.baseline_m_ <= most_baseline_m))
-    return fail("bad_camera", "the cameras are " + std::to_string(made.baseline_m_) +
-                                  " m from each other; 0.001 .. 10 m are possible (T_right_left is in metres)");
+    return fail(ErrorCode::bad_camera,
+                "the cameras are " + std::to_string(made.baseline_m_) +
+                    " m from each other; 0.001 .. 10 m are possible (T_right_left is in metres)");
   // The baseline is the new x axis, and the new z axis lies between the two old ones.
   const Eigen::Vector3d x = right_in_left / made.baseline_m_, right_axis = R_left_right.col(2);
   const Eigen::Vector3d between = Eigen::Vector3d::UnitZ() + right_axis;
   const Eigen::Vector3d z = (between - x * x.dot(between)).normalized(), y = z.cross(x);
   if (!(right_axis.z() >= least_agreement))
-    return fail("bad_camera", "the cameras of a stereo pair look the same way to 30 degrees; correct T_right_left");
+    return fail(ErrorCode::bad_camera,
+                "the cameras of a stereo pair look the same way to 30 degrees; correct T_right_left");
   if (!(x.x() >= least_agreement && z.z() >= least_agreement))
-    return fail("bad_camera",
+    return fail(ErrorCode::bad_camera,
                 "the right camera is not to the right of the left one; T_right_left maps points of the left camera's "
                 "frame into the right one's, so its first number is negative: have left and right changed places?");
   Eigen::Matrix3d R_rectified_left;
@@ -57,7 +59,8 @@ Result<StereoRectification> StereoRectification::make(const Camera& left, const 
   made.focal_ = resolution(left);
   const Eigen::Vector2d size = made.focal_ * (most - least);
   if (!(size.minCoeff() >= 16 && size.prod() <= 4.0 * left.width() * left.height()))
-    return fail("bad_camera", "the left camera's picture cannot be rectified; correct its model and intrinsics");
+    return fail(ErrorCode::bad_camera,
+                "the left camera's picture cannot be rectified; correct its model and intrinsics");
   made.width_ = static_cast<int>(std::ceil(size.x()));
   made.height_ = static_cast<int>(std::ceil(size.y()));
   made.cx_ = -made.focal_ * least.x();

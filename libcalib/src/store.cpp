@@ -30,7 +30,7 @@ constexpr const char* schema = R"sql(
 
 Error store_error(sqlite3* database) {
   const char* const name = database ? sqlite3_db_filename(database, "main") : nullptr;
-  return {"store_failed", std::string(name ? name : "the store") + ": " + sqlite3_errmsg(database)};
+  return {ErrorCode::store_failed, std::string(name ? name : "the store") + ": " + sqlite3_errmsg(database)};
 }
 
 Result<void> run(sqlite3* database, const char* sql) {
@@ -89,7 +89,7 @@ class Statement {
 Result<std::uint64_t> single_number(sqlite3* database, const char* sql) {
   Statement query(database, sql);
   const auto row = query.step();
-  if (!row) return tl::unexpected(row.error());
+  if (!row) return propagate(row);
   return *row ? query.number(0) : 0;
 }
 
@@ -111,7 +111,7 @@ Result<std::string> schema_of(sqlite3* database) {
   std::string all;
   for (;;) {
     const auto row = query.step();
-    if (!row) return tl::unexpected(row.error());
+    if (!row) return propagate(row);
     if (!*row) return all;
     for (int column = 0; column < 4; ++column) all += query.text(column) + '\n';
   }
@@ -125,10 +125,10 @@ Result<void> require_own_schema(sqlite3* database, const std::filesystem::path& 
   if (opened != SQLITE_OK) return tl::unexpected(store_error(memory));
   if (auto made = run(memory, schema); !made) return made;
   const auto expected = schema_of(memory), found = schema_of(database);
-  if (!expected) return tl::unexpected(expected.error());
-  if (!found) return tl::unexpected(found.error());
+  if (!expected) return propagate(expected);
+  if (!found) return propagate(found);
   if (*found != *expected)
-    return fail("store_failed", file.string() + " has other tables than a store of calibd; move it away");
+    return fail(ErrorCode::store_failed, file.string() + " has other tables than a store of calibd; move it away");
   return {};
 }
 
@@ -138,7 +138,7 @@ Result<void> require_regular_files(const std::filesystem::path& file) {
     std::error_code error;
     const auto status = std::filesystem::status(file.string() + ending, error);
     if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status))
-      return fail("store_failed", file.string() + ending + " is no regular file");
+      return fail(ErrorCode::store_failed, file.string() + ending + " is no regular file");
   }
   return {};
 }
@@ -146,11 +146,11 @@ Result<void> require_regular_files(const std::filesystem::path& file) {
 /// Makes the file for its owner alone, or takes it back from others: SQLite gives its log files the same rights.
 Result<void> keep_for_owner(const std::filesystem::path& file) {
   const int made = ::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NONBLOCK, 0600);
-  if (made < 0) return fail("store_failed", file.string() + ": " + std::strerror(errno));
+  if (made < 0) return fail(ErrorCode::store_failed, file.string() + ": " + std::strerror(errno));
   ::close(made);
   for (const char* ending : file_endings)
     if (::chmod((file.string() + ending).c_str(), 0600) != 0 && errno != ENOENT)
-      return fail("store_failed", file.string() + ending + ": " + std::strerror(errno));
+      return fail(ErrorCode::store_failed, file.string() + ending + ": " + std::strerror(errno));
   return {};
 }
 
@@ -163,7 +163,7 @@ Result<std::vector<Store::Alert>> alerts_of(Statement& query) {
   std::vector<Store::Alert> alerts;
   for (;;) {
     const auto row = query.step();
-    if (!row) return tl::unexpected(row.error());
+    if (!row) return propagate(row);
     if (!*row) return alerts;
     alerts.push_back({query.number(0), query.text(1)});
   }
@@ -180,12 +180,11 @@ void Store::Close::operator()(sqlite3* database) const { sqlite3_close_v2(databa
 Result<Store> Store::open(const std::filesystem::path& file, Mode mode) {
   std::error_code ignored;
   if (mode == Mode::read_only && !std::filesystem::exists(file, ignored))
-    return fail("store_not_found",
-                file.string() + " does not exist or may not be looked up; has calibd run?");
+    return fail(ErrorCode::store_not_found, file.string() + " does not exist or may not be looked up; has calibd run?");
 
-  if (auto regular = require_regular_files(file); !regular) return tl::unexpected(regular.error());
+  if (auto regular = require_regular_files(file); !regular) return propagate(regular);
   if (mode == Mode::read_write)
-    if (auto kept = keep_for_owner(file); !kept) return tl::unexpected(kept.error());
+    if (auto kept = keep_for_owner(file); !kept) return propagate(kept);
   sqlite3* opened = nullptr;
   const int access =
       mode == Mode::read_only ? SQLITE_OPEN_READONLY : SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE;
@@ -196,24 +195,24 @@ Result<Store> Store::open(const std::filesystem::path& file, Mode mode) {
   sqlite3_busy_timeout(opened, mode == Mode::read_only ? reader_patience_ms : writer_patience_ms);
 
   // A file's own schema may not call functions behind the back of a program that runs as root.
-  if (const auto set = run(opened, "PRAGMA trusted_schema = OFF"); !set) return tl::unexpected(set.error());
+  if (const auto set = run(opened, "PRAGMA trusted_schema = OFF"); !set) return propagate(set);
   if (mode == Mode::read_write)
-    if (const auto ready = prepare_for_writing(opened); !ready) return tl::unexpected(ready.error());
+    if (const auto ready = prepare_for_writing(opened); !ready) return propagate(ready);
 
   const auto make_schema = [&]() -> Result<void> {
     const auto version = single_number(opened, "PRAGMA user_version");
-    if (!version) return tl::unexpected(version.error());
+    if (!version) return propagate(version);
     if (*version == 0 && mode == Mode::read_write) return run(opened, schema);
     if (*version == 0)
-      return fail("store_not_found", file.string() + " is empty: calibd has not started with it");
+      return fail(ErrorCode::store_not_found, file.string() + " is empty: calibd has not started with it");
     if (*version != schema_version)
-      return fail("store_version", file.string() + " has schema version " + std::to_string(*version) +
-                                       ", this program knows " + std::to_string(schema_version) +
-                                       "; use the calibd that wrote it or a newer one");
+      return fail(ErrorCode::store_version, file.string() + " has schema version " + std::to_string(*version) +
+                                                ", this program knows " + std::to_string(schema_version) +
+                                                "; use the calibd that wrote it or a newer one");
     return require_own_schema(opened, file);
   };
   const Result<void> ready = mode == Mode::read_write ? store.in_transaction(make_schema) : make_schema();
-  if (!ready) return tl::unexpected(ready.error());
+  if (!ready) return propagate(ready);
   store.log_inode_ = inode_of(file.string() + "-wal");
   return store;
 }
@@ -223,7 +222,8 @@ Result<void> Store::still_there() const {
   sqlite3_file_control(database_.get(), "main", SQLITE_FCNTL_HAS_MOVED, &moved);
   const std::string file = sqlite3_db_filename(database_.get(), "main");
   if (moved != 0 || (log_inode_ != 0 && inode_of(file + "-wal") != log_inode_))
-    return fail("store_moved", file + " was removed or replaced while it was in use; calibd must be started again");
+    return fail(ErrorCode::store_moved,
+                file + " was removed or replaced while it was in use; calibd must be started again");
   return {};
 }
 
@@ -249,7 +249,7 @@ Result<void> Store::append_record(std::uint64_t sequence, std::string_view pair,
                    "WHERE ?1 = (SELECT coalesce(max(sequence), 0) + 1 FROM record)");
   const auto done = insert.bind(sequence).bind(pair).bind(record.canonical).bind(record.signature).execute();
   if (done && sqlite3_changes(database_.get()) == 0)
-    return fail("broken_chain",
+    return fail(ErrorCode::broken_chain,
                 "record " + std::to_string(sequence) + " does not follow the last one of the store");
   return done;
 }
@@ -261,8 +261,8 @@ Result<std::uint64_t> Store::record_count() const {
 Result<SignedRecord> Store::record(std::uint64_t sequence) const {
   Statement query(database_.get(), "SELECT canonical, signature FROM record WHERE sequence = ?");
   const auto row = query.bind(sequence).step();
-  if (!row) return tl::unexpected(row.error());
-  if (!*row) return fail("record_not_found", "the store holds no record " + std::to_string(sequence));
+  if (!row) return propagate(row);
+  if (!*row) return fail(ErrorCode::record_not_found, "the store holds no record " + std::to_string(sequence));
   return SignedRecord{query.text(0), query.text(1)};
 }
 
@@ -275,7 +275,7 @@ Result<void> Store::save_state(std::string_view pair, std::string_view json) {
 Result<std::optional<std::string>> Store::state(std::string_view pair) const {
   Statement query(database_.get(), "SELECT json FROM state WHERE pair = ?");
   const auto row = query.bind(pair).step();
-  if (!row) return tl::unexpected(row.error());
+  if (!row) return propagate(row);
   return *row ? std::optional(query.text(0)) : std::nullopt;
 }
 
@@ -289,11 +289,11 @@ Result<std::uint64_t> Store::enqueue_alert(std::string_view json) {
   if (!waiting) return waiting;
   if (*waiting >= max_waiting_alerts) {
     Statement make_room(database_.get(), "DELETE FROM outbox WHERE sequence = (SELECT min(sequence) FROM outbox)");
-    if (const auto made = make_room.execute(); !made) return tl::unexpected(made.error());
+    if (const auto made = make_room.execute(); !made) return propagate(made);
   }
   Statement insert(database_.get(), "INSERT INTO outbox(json) VALUES(?)");
   const auto done = insert.bind(json).execute();
-  if (!done) return tl::unexpected(done.error());
+  if (!done) return propagate(done);
   return static_cast<std::uint64_t>(sqlite3_last_insert_rowid(database_.get()));
 }
 
@@ -329,7 +329,7 @@ Result<void> visit_verified(std::uint64_t count,
     if (!record) {
       const Error& error = record.error();
       // A gap is a chain that somebody has broken, not a record that was asked for in vain.
-      return fail(error.code == "record_not_found" ? "broken_chain" : error.code,
+      return fail(error.code == ErrorCode::record_not_found ? ErrorCode::broken_chain : error.code,
                   "record " + std::to_string(sequence) + " does not verify: " + error.context);
     }
     visit(*record, *stored);
@@ -340,12 +340,12 @@ Result<void> visit_verified(std::uint64_t count,
 
 Result<std::vector<CalibrationRecord>> verified_history(const Store& store, const PublicKey& key) {
   const auto count = store.record_count();
-  if (!count) return tl::unexpected(count.error());
+  if (!count) return propagate(count);
   std::vector<CalibrationRecord> records;
   const auto all = visit_verified(
       *count, [&](std::uint64_t sequence) { return store.record(sequence); }, key,
       [&](const CalibrationRecord& record, const SignedRecord&) { records.push_back(record); });
-  if (!all) return tl::unexpected(all.error());
+  if (!all) return propagate(all);
   return records;
 }
 

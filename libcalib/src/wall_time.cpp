@@ -47,7 +47,7 @@ std::string rfc3339_ns(WallTime time) { return with_decimals(time, 9); }
 
 Result<WallTime> parse_rfc3339(std::string_view text) {
   const auto bad = [&] {
-    return fail("bad_time", "'" + std::string(text) + "' is not a time like 2026-01-31T12:00:00.000Z");
+    return fail(ErrorCode::bad_time, "'" + std::string(text) + "' is not a time like 2026-01-31T12:00:00.000Z");
   };
   constexpr std::string_view shape = "dddd-dd-ddTdd:dd:dd";
   if (text.size() <= shape.size() || text.size() > shape.size() + 11 || text.back() != 'Z') return bad();

@@ -21,9 +21,9 @@ namespace {
 /// What `check_compressed` says: nothing when it is good.
 std::string refusal(const Octets& bytes) {
   const auto header = probe_compressed(bytes);
-  if (!header) return header.error().code;
+  if (!header) return word(header.error().code);
   const auto checked = check_compressed(bytes, *header);
-  return checked ? "" : checked.error().code;
+  return checked ? "" : word(checked.error().code);
 }
 
 cv::Mat scene(int width, int height, int type = CV_8UC3) {

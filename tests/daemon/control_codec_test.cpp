@@ -47,7 +47,7 @@ TEST_CASE("what is not a request is refused") {
 }
 
 TEST_CASE("replies have the form of proto/control.md") {
-  CHECK(encode_reply(Error{"not_found", "there is no pair 'x'"}) ==
+  CHECK(encode_reply(Error{ErrorCode::not_found, "there is no pair 'x'"}) ==
         json{{"ok", false}, {"code", "not_found"}, {"message", "there is no pair 'x'"}});
   CHECK(encode_reply(RecordsPage{.stored = 2, .records = {{"{}", "signature"}, {}}}) ==
         json{{"ok", true},

@@ -32,7 +32,7 @@ ImageMessage picture(const std::string& encoding, const std::vector<Pixel>& pixe
 
 std::vector<float> depths(ImageMessage message) { return require_ok(decode_depth(message.raw())).inverse_depth; }
 
-std::string refusal(ImageMessage message) { return decode_depth(message.raw()).error().code; }
+std::string refusal(ImageMessage message) { return word(decode_depth(message.raw()).error().code); }
 
 }  // namespace
 
@@ -93,7 +93,7 @@ TEST_CASE("a disparity image that breaks a bound is refused by what is wrong") {
   const auto refused = [](auto spoil) {
     DisparityMessage message;
     spoil(message);
-    return decode_disparity(message.raw()).error().code;
+    return word(decode_disparity(message.raw()).error().code);
   };
   const float nan = std::numeric_limits<float>::quiet_NaN(), large = std::numeric_limits<float>::max();
   CHECK(refused([](DisparityMessage& m) { m.image.encoding = "16UC1"; }) == "malformed:encoding");

@@ -39,9 +39,9 @@ void check_bounds(const Message& good, const std::vector<Bound<Message>>& bounds
     bound.inside(inside);
     bound.outside(outside);
     const auto taken = decode(inside);
-    CHECK((taken ? "" : taken.error().code + ": " + taken.error().context) == "");
+    CHECK((taken ? "" : word(taken.error().code) + ": " + taken.error().context) == "");
     const auto refused = decode(outside);
-    CHECK((refused ? "taken" : refused.error().code) == bound.code);
+    CHECK((refused ? "taken" : word(refused.error().code)) == bound.code);
   }
 }
 
@@ -306,9 +306,9 @@ void check_outcome(const Result<Value>& result, const std::function<bool(const V
     REQUIRE(sound(*result));
     return;
   }
-  INFO(result.error().code);
-  REQUIRE(result.error().code.starts_with("malformed:"));
-  REQUIRE(std::ranges::find(codes, result.error().code.substr(10)) != codes.end());
+  INFO(word(result.error().code));
+  REQUIRE(is_malformed(result.error().code));
+  REQUIRE(std::ranges::find(codes, word(result.error().code).substr(10)) != codes.end());
   REQUIRE(result.error().context.size() < 500);
 }
 

@@ -69,7 +69,7 @@ void silence(PairSeen& seen, const std::string& check) {
   std::erase_if(seen.writers, [&](const RemoteWriter& writer) { return writer.topic == silent.topic; });
   silent.messages = 0;
   silent.age = {};
-  seen.time_difference = fail("sensor_silent", "nothing came");
+  seen.time_difference = fail(ErrorCode::sensor_silent, "nothing came");
 }
 
 /// "check/code" of every problem.
@@ -149,7 +149,7 @@ TEST_CASE("two publishers of one topic are a warning") {
 TEST_CASE("a clock that is off is named, alone or with all others") {
   PairSeen seen = healthy();
   find(seen, "cloud").age = 61s;
-  seen.time_difference = fail("time_difference", "61 s apart");
+  seen.time_difference = fail(ErrorCode::time_difference, "61 s apart");
   CHECK(problems(seen) == Names{"clock/stale_clock"});
   CHECK(holds(finding(seen, "clock").cause, "/points is not synchronised"));
   find(seen, "cloud").age = -5s;
@@ -165,9 +165,9 @@ TEST_CASE("a clock that is off is named, alone or with all others") {
 
 TEST_CASE("samples that never belong together are a problem of pairing") {
   PairSeen seen = healthy();
-  seen.time_difference = fail("time_difference", "image and point cloud are at least 80 ms apart");
+  seen.time_difference = fail(ErrorCode::time_difference, "image and point cloud are at least 80 ms apart");
   CHECK(problems(seen) == Names{"pairing/time_difference"});
-  seen.time_difference = fail("right_image_missing", "no right image has the stamp of a left one");
+  seen.time_difference = fail(ErrorCode::right_image_missing, "no right image has the stamp of a left one");
   CHECK(problems(seen) == Names{"pairing/right_image_missing"});
 }
 
@@ -184,8 +184,8 @@ TEST_CASE("an image of another size is named, and whether it is scaled") {
 TEST_CASE("images of another size, which are not decoded, hide no other cause and are none of pairing") {
   PairSeen seen = healthy();
   seen.image = ImageSize{320, 96};
-  seen.time_difference = fail("sensor_silent", "no image arrived");
-  seen.depth = fail("no_pair", "there is no pair");
+  seen.time_difference = fail(ErrorCode::sensor_silent, "no image arrived");
+  seen.depth = fail(ErrorCode::no_pair, "there is no pair");
   CHECK(problems(seen) == Names{"image_size/image_size_mismatch"});
   CHECK(finding(seen, "pairing").result == FindingResult::not_checked);
   seen.image = ImageSize{640, 192};
@@ -287,17 +287,17 @@ TEST_CASE("depth that is inverted, unrelated, weak, of another lens or failed is
   CHECK(with(0.4).result == FindingResult::warning);
   seen.told_lens = DepthAgreement{0.9, 1, 15000};
   CHECK(with(0.2).code == "wrong_lens_model");
-  seen.depth = fail("depth_failed", "the model is not the one that was pinned");
+  seen.depth = fail(ErrorCode::depth_failed, "the model is not the one that was pinned");
   CHECK(problems(seen) == Names{"depth/depth_failed"});
   CHECK(with(0.2).result == FindingResult::not_checked);
-  seen.depth = fail("depth_model_refused", "its SHA-256 is not the one that is pinned");
+  seen.depth = fail(ErrorCode::depth_model_refused, "its SHA-256 is not the one that is pinned");
   CHECK(problems(seen) == Names{"depth/depth_model_refused"});
   CHECK(holds(finding(seen, "depth").cause, "altered"));
 }
 
 TEST_CASE("a dark scene is a warning") {
   PairSeen seen = healthy();
-  seen.scene = Error{"dark", "mean grey is 4.00, the limit is 20.00"};
+  seen.scene = Error{ErrorCode::dark, "mean grey is 4.00, the limit is 20.00"};
   CHECK(problems(seen).empty());
   CHECK(finding(seen, "scene").code == "dark");
 }
@@ -306,7 +306,7 @@ TEST_CASE("a pair of which nothing was seen has problems, and nothing about it i
   PairSeen seen = healthy();
   for (const char* check : {"image", "right_image", "cloud", "camera_info"}) silence(seen, check);
   seen.image = {}, seen.camera_info = {}, seen.cloud = {}, seen.extrinsic = {};
-  seen.depth = fail("no_pair", "there is no pair of samples to compute it from");
+  seen.depth = fail(ErrorCode::no_pair, "there is no pair of samples to compute it from");
   for (const Finding& finding : diagnose(seen)) CHECK(finding.result != FindingResult::ok);
   CHECK(problems(seen) ==
         Names{"image/nobody_heard", "right_image/nobody_heard", "cloud/nobody_heard", "camera_info/nobody_heard"});

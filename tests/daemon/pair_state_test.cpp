@@ -127,7 +127,7 @@ TEST_CASE("numbers that no monitor can have are refused: what is saved must not 
     nlohmann::json changed = whole;
     changed[nlohmann::json::json_pointer(path)] = value;
     const auto state = parse_pair_state(changed.dump());
-    return state ? "" : state.error().code;
+    return state ? "" : word(state.error().code);
   };
   CHECK(code("/drift/verdict", 5) == "malformed_state");
   CHECK(code("/drift/verdict", -1) == "malformed_state");

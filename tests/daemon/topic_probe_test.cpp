@@ -124,7 +124,7 @@ TEST_CASE("a topic that nobody publishes, or whose messages cannot be used, is n
   probed.seen.writers.back().obstacle = "it publishes in another partition";
   CHECK(probed.probe.has_enough(2s));
   probed.seen.writers.back().obstacle.clear();
-  probed.probe.add(Malformed{"/points", Error{"malformed:xyz", "there is no x"}}, 1s);
+  probed.probe.add(Malformed{"/points", Error{ErrorCode::malformed_xyz, "there is no x"}}, 1s);
   CHECK(probed.probe.has_enough(2s));
   CHECK(probed.topic("cloud").malformed.at("malformed:xyz") == 1);
   CHECK(probed.topic("cloud").malformed_context == "there is no x");

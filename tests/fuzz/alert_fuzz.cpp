@@ -17,7 +17,7 @@ std::vector<Octets> seeds() {
 int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
   const auto alert = calib::parse_alert(calib::fuzz::text(bytes, size));
   if (!alert) {
-    calib::fuzz::require_code(alert.error(), {"malformed_alert"});
+    calib::fuzz::require_code(alert.error(), {calib::ErrorCode::malformed_alert});
     return 0;
   }
   const auto message = calib::drift_alert_message(*alert);

@@ -35,7 +35,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
     *number = input.take<std::uint32_t>();
   const auto info = calib::decode_camera_info(message.raw());
   if (!info) {
-    calib::fuzz::require(info.error().code.starts_with("malformed:"));
+    calib::fuzz::require(is_malformed(info.error().code));
     return 0;
   }
   calib::fuzz::require(info->width > 0 && info->height > 0 && info->K[0] > 1 && info->K[4] < 1e5);

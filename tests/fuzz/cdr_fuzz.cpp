@@ -23,7 +23,7 @@ const Message& as(const void* sample) {
 
 template <typename Value>
 void check(const Result<Value>& decoded) {
-  require(decoded.has_value() || decoded.error().code.starts_with("malformed:"));
+  require(decoded.has_value() || is_malformed(decoded.error().code));
 }
 
 struct Type {

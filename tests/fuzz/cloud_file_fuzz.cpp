@@ -30,7 +30,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
   const calib::fuzz::Octets file = input.rest();
   const auto scan = calib::read_cloud(calib::fuzz::scratch().write(name, calib::fuzz::text(file)));
   if (!scan) {
-    calib::fuzz::require_code(scan.error(), {"cloud_unreadable", "cloud_empty"});
+    calib::fuzz::require_code(scan.error(), {calib::ErrorCode::cloud_unreadable, calib::ErrorCode::cloud_empty});
     return 0;
   }
   calib::fuzz::require(!scan->points.empty() && scan->points.size() <= file.size());

@@ -37,7 +37,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
   message.data = input.rest();
   const auto scan = calib::decode_cloud(message.raw());
   if (!scan) {
-    calib::fuzz::require(scan.error().code.starts_with("malformed:"));
+    calib::fuzz::require(is_malformed(scan.error().code));
     return 0;
   }
   for (const calib::LidarPoint& point : scan->points)

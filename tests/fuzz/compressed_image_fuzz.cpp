@@ -21,7 +21,7 @@ std::vector<Octets> seeds() {
 }
 
 void check(const Result<Image>& image) {
-  if (!image) return require(image.error().code.starts_with("malformed:"));
+  if (!image) return require(is_malformed(image.error().code));
   const std::size_t pixels = std::size_t(image->width) * image->height;
   require(image->pixels.size() == pixels && (image->rgb.empty() || image->rgb.size() == 3 * pixels));
 }

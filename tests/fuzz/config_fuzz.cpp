@@ -30,7 +30,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
   if (config)
     calib::fuzz::require(!config->pairs.empty() && config->sampling.window <= config->sampling.period);
   else
-    calib::fuzz::require(config.error().code == "bad_config" &&
+    calib::fuzz::require(config.error().code == calib::ErrorCode::bad_config &&
                          config.error().context.starts_with("c.yaml:"));
   return 0;
 }

@@ -16,7 +16,7 @@ std::vector<Octets> seeds() {
 int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
   const auto request = calib::parse_request(calib::fuzz::text(bytes, size));
   if (!request)
-    calib::fuzz::require_code(request.error(), {"bad_request"});
+    calib::fuzz::require_code(request.error(), {calib::ErrorCode::bad_request});
   else
     calib::fuzz::require(request->is_object() && request->at("schema") == 1 && request->at("request").is_string());
   return 0;

@@ -44,7 +44,7 @@ std::vector<Octets> seeds() {
 }
 
 void check(const Result<DepthMap>& depth) {
-  if (!depth) return require_code(depth.error(), {"depth_unreadable", "depth_empty"});
+  if (!depth) return require_code(depth.error(), {ErrorCode::depth_unreadable, ErrorCode::depth_empty});
   require(depth->width == side && depth->height == side && depth->inverse_depth.size() == side * side);
   for (const float inverse : depth->inverse_depth)
     require(inverse == DepthMap::no_depth || (inverse > 0 && std::isfinite(inverse)));

@@ -16,7 +16,7 @@ std::vector<Octets> seeds() {
 }
 
 void check(const Result<DepthImage>& depth) {
-  if (!depth) return require(depth.error().code.starts_with("malformed:"));
+  if (!depth) return require(is_malformed(depth.error().code));
   require(depth->inverse_depth.size() == std::size_t(depth->width) * depth->height);
   for (const float inverse : depth->inverse_depth) require(inverse >= 0 && std::isfinite(inverse));
 }

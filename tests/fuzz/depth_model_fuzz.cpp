@@ -38,6 +38,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
   if (model)
     calib::fuzz::check(*model);
   else
-    calib::fuzz::require(model.error().code == "bad_config" && model.error().context.starts_with("m/model.yaml:"));
+    calib::fuzz::require(model.error().code == calib::ErrorCode::bad_config &&
+                         model.error().context.starts_with("m/model.yaml:"));
   return 0;
 }

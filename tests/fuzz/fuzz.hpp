@@ -29,7 +29,7 @@ inline void require(bool holds) {
   if (!holds) std::abort();
 }
 
-inline void require_code(const Error& error, std::initializer_list<std::string_view> codes) {
+inline void require_code(const Error& error, std::initializer_list<ErrorCode> codes) {
   require(std::ranges::find(codes, error.code) != codes.end());
 }
 

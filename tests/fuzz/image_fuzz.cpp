@@ -25,7 +25,7 @@ std::vector<Octets> seeds() {
 
 void check(const Result<Image>& grey, const Result<Image>& colour) {
   if (!grey) {
-    require(grey.error().code.starts_with("malformed:"));
+    require(is_malformed(grey.error().code));
     return require(!colour && colour.error().code == grey.error().code);
   }
   require(grey->pixels.size() == std::size_t(grey->width) * grey->height && grey->rgb.empty());

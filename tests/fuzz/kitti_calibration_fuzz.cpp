@@ -19,17 +19,17 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
   const auto file =
       calib::KittiCalibration::read(calib::fuzz::scratch().write("calib.txt", calib::fuzz::text(bytes, size)));
   if (!file) {
-    require_code(file.error(), {"calibration_missing", "calibration_malformed"});
+    require_code(file.error(), {calib::ErrorCode::calibration_missing, calib::ErrorCode::calibration_malformed});
     return 0;
   }
   if (const auto camera = calib::KittiRectifiedCamera::read(*file, "00"))
     require(camera->camera.width() > 0 && camera->camera.height() > 0);
   else
-    require_code(camera.error(), {"calibration_malformed", "bad_camera"});
+    require_code(camera.error(), {calib::ErrorCode::calibration_malformed, calib::ErrorCode::bad_camera});
   if (const auto rotation = file->rotation("R"))
     require((*rotation * rotation->transpose()).isIdentity(1e-6));
   else
-    require_code(rotation.error(), {"calibration_malformed"});
+    require_code(rotation.error(), {calib::ErrorCode::calibration_malformed});
   if (const auto transform = file->transform(""); transform) require(transform->matrix().allFinite());
   if (const auto baseline_m = calib::kitti_baseline_m(*file, "00", "01"); baseline_m && *baseline_m)
     require(**baseline_m > 0);

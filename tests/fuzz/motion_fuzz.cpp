@@ -12,7 +12,7 @@ std::vector<Octets> seeds() {
 }
 
 void check(const Result<TurnRate>& rate) {
-  if (!rate) return require(rate.error().code.starts_with("malformed:"));
+  if (!rate) return require(is_malformed(rate.error().code));
   require(rate->stamp.count() >= 0 && rate->rate_rad_s >= 0 && rate->rate_rad_s <= 100);
 }
 

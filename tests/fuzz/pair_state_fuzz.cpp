@@ -31,7 +31,7 @@ std::vector<Octets> seeds() {
 int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
   const auto state = calib::parse_pair_state(calib::fuzz::text(bytes, size));
   if (!state) {
-    calib::fuzz::require_code(state.error(), {"malformed_state"});
+    calib::fuzz::require_code(state.error(), {calib::ErrorCode::malformed_state});
     return 0;
   }
   calib::fuzz::require(state->refusals >= 0 && state->drift.baseline.pairs >= 0);

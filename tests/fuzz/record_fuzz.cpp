@@ -37,6 +37,6 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
   if (record)
     calib::fuzz::require(calib::canonical_bytes(*record) == canonical);
   else
-    calib::fuzz::require(record.error().code == "malformed_record");
+    calib::fuzz::require(record.error().code == calib::ErrorCode::malformed_record);
   return 0;
 }

@@ -21,8 +21,9 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
   const auto path = calib::fuzz::scratch().write("recording.yaml", calib::fuzz::text(bytes, size));
   const auto recording = calib::open_list(path);
   if (!recording) {
-    calib::fuzz::require_code(recording.error(), {"recording_not_found", "calibration_malformed", "bad_camera",
-                                                  "bad_transform", "frame_mismatch"});
+    calib::fuzz::require_code(recording.error(), {calib::ErrorCode::recording_not_found,
+                                                  calib::ErrorCode::calibration_malformed, calib::ErrorCode::bad_camera,
+                                                  calib::ErrorCode::bad_transform, calib::ErrorCode::frame_mismatch});
     return 0;
   }
   calib::fuzz::require(recording->size() > 0 && recording->camera().width() > 0 && recording->camera().height() > 0);

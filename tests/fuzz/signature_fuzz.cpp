@@ -78,7 +78,7 @@ void check_signature(std::string_view file) {
   if (verified)
     require(below_comment(file) == below_comment(ours));
   else
-    require_code(verified.error(), {"wrong_key", "bad_signature"});
+    require_code(verified.error(), {calib::ErrorCode::wrong_key, calib::ErrorCode::bad_signature});
   require(!verify_signature("another message", file, signing_key().public_key()));
 }
 
@@ -87,13 +87,13 @@ void check_public_key(std::string_view file) {
   if (key)
     require(below_comment(file) == below_comment(public_key_file(*key)));
   else
-    require_code(key.error(), {"bad_key"});
+    require_code(key.error(), {calib::ErrorCode::bad_key});
 }
 
 /// A key that is taken can sign.
 void check_secret_key(std::string_view file) {
   const auto key = SigningKey::load(scratch().write("secret", file));
-  if (!key) return require_code(key.error(), {"bad_key"});
+  if (!key) return require_code(key.error(), {calib::ErrorCode::bad_key});
   require(verify_signature(message, key->sign(message, "comment"), key->public_key()).has_value());
 }
 

@@ -47,7 +47,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
   const auto json = nlohmann::json::parse(bytes, bytes + size, nullptr, /*allow_exceptions=*/false);
   const auto status = calib::parse_status(json);
   if (!status) {
-    calib::fuzz::require_code(status.error(), {"malformed_status"});
+    calib::fuzz::require_code(status.error(), {calib::ErrorCode::malformed_status});
     return 0;
   }
   const auto again = calib::parse_status(nlohmann::json::parse(calib::fuzz::written(*status)));

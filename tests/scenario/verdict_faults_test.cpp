@@ -200,7 +200,7 @@ class Vehicle {
       ++truth_.pairs_with[measured_with_];
       truth_.last_pair = steady_;
     } else {
-      service_->conclude(0, Skip{{"sensor_silent", "the camera is silent"}});
+      service_->conclude(0, Skip{{ErrorCode::sensor_silent, "the camera is silent"}});
     }
     truth_.last_write_worked = truth_.store_works && !full_disk_;
     full.reset();

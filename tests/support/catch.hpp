@@ -10,3 +10,18 @@ namespace Catch::Matchers {
 inline auto ContainsSubstring(const std::string& text) { return Contains(text); }
 }  // namespace Catch::Matchers
 #endif
+
+#include "calib/error_code.hpp"
+
+namespace calib {
+
+inline std::string word(ErrorCode code) { return std::string(to_string(code)); }
+/// Tests compare a code with its word as it is on the wire; sources compare enumerators.
+inline bool operator==(ErrorCode code, std::string_view word) { return to_string(code) == word; }
+
+}  // namespace calib
+
+template <>
+struct Catch::StringMaker<calib::ErrorCode> {
+  static std::string convert(calib::ErrorCode code) { return calib::word(code); }
+};

@@ -30,7 +30,7 @@ class PairLoop {
   /// Measures and decides; fails with the reason why the pair carries no information.
   Result<void> evaluate(const FramePair& pair, DepthEstimator& depth) {
     auto measurement = measure(pair, depth);
-    if (!measurement) return tl::unexpected(measurement.error());
+    if (!measurement) return propagate(measurement);
     [[maybe_unused]] const auto none = decide(std::move(*measurement));
     return {};
   }

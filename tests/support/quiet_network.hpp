@@ -8,7 +8,7 @@ namespace calib::test {
 class QuietNetwork : public Network {
  public:
   Result<std::unique_ptr<SampleSource>> open_window(const PairTopics&) override {
-    return fail("dds_failed", "there is no network");
+    return fail(ErrorCode::dds_failed, "there is no network");
   }
   Result<std::vector<RemoteWriter>> remote_writers() const override { return std::vector<RemoteWriter>{}; }
   void interrupt() override {}

@@ -24,7 +24,7 @@ void skip(const std::string& reason);
 /// The value of `result`; the test fails with the error's text when there is none.
 template <typename ResultType>
 [[nodiscard]] auto require_ok(ResultType&& result) {
-  if (!result) throw std::runtime_error(result.error().code + ": " + result.error().context);
+  if (!result) throw std::runtime_error(std::string(to_string(result.error().code)) + ": " + result.error().context);
   if constexpr (!std::is_void_v<typename std::decay_t<ResultType>::value_type>)
     return *std::forward<ResultType>(result);
 }

@@ -116,13 +116,13 @@ TEST_CASE("a hit is less than half a degree and 20 cm off") {
   CHECK_FALSE(ended_at(0.51, 0).hit());
   CHECK_FALSE(ended_at(0, 20.1).hit());
   Run failed = ended_at(0, 0);
-  failed.result = fail("search_failed", "");
+  failed.result = fail(ErrorCode::search_failed, "");
   CHECK_FALSE(failed.hit());
 }
 
 TEST_CASE("a summary's errors and spread are of the hits, beside those of all runs") {
   std::vector<Run> runs{ended_at(0.1, 2), ended_at(-0.3, 4), ended_at(5, 0), ended_at(0, 0)};
-  runs.back().result = fail("search_failed", "");
+  runs.back().result = fail(ErrorCode::search_failed, "");
   const Summary summary = summarise(runs);
   CHECK(summary.starts == 4);
   CHECK(summary.hits == 2);
@@ -157,7 +157,7 @@ TEST_CASE("a remark names each axis that is not observable, and says that search
   CHECK(remarks(experiment) == std::vector<std::string>{"pitch is not observable from these frames"});
   experiment.best->uncertainty.observable.fill(true);
   CHECK(remarks(experiment).empty());
-  experiment.runs[1].result = fail("search_failed", "nothing is in view");
+  experiment.runs[1].result = fail(ErrorCode::search_failed, "nothing is in view");
   CHECK(remarks(experiment) == std::vector<std::string>{"1 of 2 searches failed, the first with: nothing is in view"});
 }
 

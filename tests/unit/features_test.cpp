@@ -232,7 +232,7 @@ TEST_CASE("too few points on depth are refused, as are a depth map of another si
   const LidarScan scan = drive.scan(0);
   const auto refusal = [&](const DepthMap& from, const LidarScan& points, const RigidTransform& T) {
     const auto features = make_features(only(points), from, drive.camera(), T);
-    return features ? "" : features.error().code;
+    return features ? "" : word(features.error().code);
   };
   CHECK(refusal(depth, scan, drive.T_camera_lidar()).empty());
   CHECK(refusal(depth, {}, drive.T_camera_lidar()) == "low_overlap");

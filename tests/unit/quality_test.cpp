@@ -28,7 +28,7 @@ int street(int u, int v) { return 60 + static_cast<int>(vehicle::mix(u / 12, v /
 
 std::string refusal(const FramePair& pair, const SceneThumbnail* last = nullptr) {
   const auto result = check_pair(pair, camera(), last, {});
-  return result ? "" : result.error().code;
+  return result ? "" : word(result.error().code);
 }
 
 }  // namespace

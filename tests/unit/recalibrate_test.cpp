@@ -127,7 +127,7 @@ TEST_CASE("too few pairs are refused, and an extrinsic that is no number is neve
   const RigidTransform& T = drive.simulated.T_camera_lidar();
   const auto code = [&](std::size_t fit, std::size_t held_back) {
     const auto result = recalibrate(Frames(drive.fit).first(fit), Frames(drive.held_back).first(held_back), T, {});
-    return result ? "" : result.error().code;
+    return result ? "" : word(result.error().code);
   };
   CHECK(code(0, 0) == "too_few_pairs");
   CHECK(code(2, 4) == "too_few_pairs");

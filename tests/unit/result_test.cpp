@@ -51,7 +51,7 @@ TEST_CASE("whatever the bytes, the escaped text holds no control character and e
 }
 
 TEST_CASE("a failed result carries its code and context") {
-  const calib::Result<int> result = calib::fail("low_overlap", "only 3 points are in the image");
+  const calib::Result<int> result = calib::fail(calib::ErrorCode::low_overlap, "only 3 points are in the image");
   REQUIRE_FALSE(result);
   CHECK(result.error().code == "low_overlap");
   CHECK(result.error().context == "only 3 points are in the image");

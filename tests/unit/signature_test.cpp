@@ -168,7 +168,7 @@ TEST_CASE("the trusted comment is signed, and the signature file has one form") 
   const std::string file = key.sign("bytes", "sequence 7");
   const auto code = [&](const std::string& signature) {
     const auto verified = verify_signature("bytes", signature, key.public_key());
-    return verified ? "" : verified.error().code;
+    return verified ? "" : word(verified.error().code);
   };
   CHECK(code(file).empty());
   CHECK(code(replaced(file, 0, "untrusted comment: anything")).empty());

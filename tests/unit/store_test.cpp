@@ -148,7 +148,7 @@ TEST_CASE_METHOD(StoreFixture, "a full outbox takes the next alert in the place 
   Store store = open();
   require_ok(store.in_transaction([&]() -> Result<void> {
     for (std::uint64_t i = 0; i < Store::max_waiting_alerts; ++i)
-      if (auto queued = store.enqueue_alert("{}"); !queued) return tl::unexpected(queued.error());
+      if (auto queued = store.enqueue_alert("{}"); !queued) return propagate(queued);
     return {};
   }));
   CHECK(require_ok(store.enqueue_alert("{}")) == Store::max_waiting_alerts + 1);
@@ -171,9 +171,9 @@ TEST_CASE_METHOD(StoreFixture, "a transaction keeps all of its writes or none") 
       return end;
     });
   };
-  const auto failed = write_all(fail("some_reason", "said by the body"));
+  const auto failed = write_all(fail(ErrorCode::low_overlap, "said by the body"));
   REQUIRE_FALSE(failed);
-  CHECK(failed.error().code == "some_reason");
+  CHECK(failed.error().code == "low_overlap");
   CHECK(require_ok(store.record_count()) == 0);
   CHECK(require_ok(store.state("front")) == std::nullopt);
   CHECK(require_ok(store.next_alert_sequence()) == 1);

@@ -35,12 +35,12 @@ struct Landscape {
 };
 Result<Landscape> look(const FootageOptions& footage_options, const LandscapeOptions& options) {
   auto footage = read_footage(footage_options);
-  if (!footage) return tl::unexpected(footage.error());
+  if (!footage) return propagate(footage);
   bool baselines = false;
   for (const Method method : options.methods) baselines |= needs_baseline_features(method);
   auto features =
       footage->features({.bounds = options.around.bounds(), .baselines = baselines}, footage_options.threads);
-  if (!features) return tl::unexpected(features.error());
+  if (!features) return propagate(features);
   return Landscape{*std::move(footage), *std::move(features)};
 }
 
@@ -48,12 +48,13 @@ std::array<bool, 6> released(int degrees_of_freedom) { return Cell{{}, degrees_o
 
 /// Made before hours of work, and found out then whether it can be written into.
 Result<void> make_folder(const std::filesystem::path& folder) {
-  if (is_foreign_link(folder)) return fail("write_failed", folder.string() + " is a link that another user has made");
+  if (is_foreign_link(folder))
+    return fail(ErrorCode::write_failed, folder.string() + " is a link that another user has made");
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (!error && access(folder.c_str(), W_OK | X_OK) != 0) error.assign(errno, std::generic_category());
   if (!error) return {};
-  return fail("write_failed", "figures cannot be written into " + folder.string() + ": " + error.message());
+  return fail(ErrorCode::write_failed, "figures cannot be written into " + folder.string() + ": " + error.message());
 }
 
 std::string frames_line(const Footage& footage) {
@@ -73,11 +74,11 @@ Result<Footage> read_footage(const FootageOptions& options) {
 Result<void> calibrate(const FootageOptions& footage_options, const CalibrateOptions& options,
                        const CommandWords& words) {
   const auto file = ResultFile::at(options.json);
-  if (!file) return tl::unexpected(file.error());
+  if (!file) return propagate(file);
   if (!options.figures.empty())
     if (auto made = make_folder(options.figures); !made) return made;
   const auto footage = read_footage(footage_options);
-  if (!footage) return tl::unexpected(footage.error());
+  if (!footage) return propagate(footage);
   Json result = describe("calibrate", words, footage_options, *footage);
   result["cells"] = Json::array();
   result["runs"] = Json::array();
@@ -90,14 +91,14 @@ Result<void> calibrate(const FootageOptions& footage_options, const CalibrateOpt
       return conduct(*footage, cells[i],
                      {options.starts, footage_options.seed, footage_options.threads, [&] { progress.step(); }});
     }();
-    if (!experiment) return tl::unexpected(experiment.error());
+    if (!experiment) return propagate(experiment);
     std::cout << table_line(*experiment) << std::endl;
     for (const std::string& remark : remarks(*experiment)) std::cout << "  " << escape_control(remark) << std::endl;
     result["cells"].push_back(to_json(*experiment));
     for (Json& run : runs_to_json(*experiment, i)) result["runs"].push_back(std::move(run));
     if (!options.figures.empty()) {
       const auto figure = draw(*footage, *experiment, options.figures);
-      if (!figure) return tl::unexpected(figure.error());
+      if (!figure) return propagate(figure);
       if (*figure) result["figures"].push_back(to_json(**figure, i, absolute(options.json).parent_path()));
     }
     // After each cell: what is done is kept.
@@ -108,9 +109,9 @@ Result<void> calibrate(const FootageOptions& footage_options, const CalibrateOpt
 
 Result<void> curves(const FootageOptions& footage_options, const LandscapeOptions& options, const CommandWords& words) {
   const auto file = ResultFile::at(options.json);
-  if (!file) return tl::unexpected(file.error());
+  if (!file) return propagate(file);
   const auto seen = look(footage_options, options);
-  if (!seen) return tl::unexpected(seen.error());
+  if (!seen) return propagate(seen);
   const auto& [footage, features] = *seen;
   const auto frames = pointers(features);
   Json result = describe("curve", words, footage_options, footage);
@@ -133,9 +134,9 @@ Result<void> curves(const FootageOptions& footage_options, const LandscapeOption
 Result<void> surfaces(const FootageOptions& footage_options, const LandscapeOptions& options,
                       const CommandWords& words) {
   const auto file = ResultFile::at(options.json);
-  if (!file) return tl::unexpected(file.error());
+  if (!file) return propagate(file);
   const auto seen = look(footage_options, options);
-  if (!seen) return tl::unexpected(seen.error());
+  if (!seen) return propagate(seen);
   const auto& [footage, features] = *seen;
   const auto frames = pointers(features);
   Json result = describe("surface", words, footage_options, footage);
@@ -157,13 +158,14 @@ Result<void> plot(const std::filesystem::path& result, const std::filesystem::pa
   constexpr std::uintmax_t most_bytes = 1 << 30;
   std::error_code error;
   if (!std::filesystem::is_regular_file(result, error) || std::filesystem::file_size(result, error) > most_bytes)
-    return fail("result_unreadable", result.string() + " is no regular file of up to 1 GiB");
-  if (is_foreign_link(folder)) return fail("write_failed", folder.string() + " is a link that another user has made");
+    return fail(ErrorCode::result_unreadable, result.string() + " is no regular file of up to 1 GiB");
+  if (is_foreign_link(folder))
+    return fail(ErrorCode::write_failed, folder.string() + " is a link that another user has made");
   const auto program = std::filesystem::read_symlink("/proc/self/exe", error);
   // As installed, and as in a build folder.
   const auto script = program.parent_path().parent_path() / "share" / "calibd" / "calib-eval-plot";
   execl(script.c_str(), script.c_str(), "--out", folder.c_str(), "--", result.c_str(), static_cast<char*>(nullptr));
-  return fail("plot_missing", script.string() + " cannot be run: calib-eval is not installed as a whole");
+  return fail(ErrorCode::plot_missing, script.string() + " cannot be run: calib-eval is not installed as a whole");
 }
 
 }  // namespace calib::eval

@@ -148,8 +148,8 @@ Json describe_settings(const Study& study) {
 /// Blocks are drawn from among others: of one alone, all sequences are the same.
 Result<void> check_block(const DriftOptions& options, std::size_t frames) {
   if (!options.block || 2 * static_cast<std::size_t>(*options.block) <= frames) return {};
-  return fail("bad_block", "--block " + std::to_string(*options.block) + " is more than half of the " +
-                               std::to_string(frames) + " frames: sequences would hardly differ");
+  return fail(ErrorCode::bad_block, "--block " + std::to_string(*options.block) + " is more than half of the " +
+                                        std::to_string(frames) + " frames: sequences would hardly differ");
 }
 
 Result<Study> study_of(const FootageOptions& footage_options, const DriftOptions& options, const Footage& footage) {
@@ -163,7 +163,7 @@ Result<Study> study_of(const FootageOptions& footage_options, const DriftOptions
   Progress progress("evidence", places_of(ladders) * footage.frames.size());
   auto evidence = measure(footage, ladders, drift_objective(depth_is_guessed(footage_options, options)),
                           footage_options.threads, [&] { progress.step(); });
-  if (!evidence) return tl::unexpected(evidence.error());
+  if (!evidence) return propagate(evidence);
   study.evidence = *std::move(evidence);
   return study;
 }
@@ -176,17 +176,18 @@ Result<KnockSize> parse_knock(const std::string& text) {
   const bool rotation = std::string_view(unit) == "deg";
   const double most = rotation ? 5 : 50;
   if ((!rotation && std::string_view(unit) != "cm") || !(number > 0) || number > most)
-    return fail("bad_knock", text +
-                                 " is neither an angle such as 0.25deg, up to 5deg, nor a distance such as 10cm, up to "
-                                 "50cm; both are more than nothing");
+    return fail(ErrorCode::bad_knock,
+                text +
+                    " is neither an angle such as 0.25deg, up to 5deg, nor a distance such as 10cm, up to "
+                    "50cm; both are more than nothing");
   return KnockSize{rotation, rotation ? number * radians_per_degree : number / 100};
 }
 
 Result<void> drift(const FootageOptions& footage_options, const DriftOptions& options, const CommandWords& words) {
   const auto file = ResultFile::at(options.json);  // before minutes of work
-  if (!file) return tl::unexpected(file.error());
+  if (!file) return propagate(file);
   auto footage = read_footage(footage_options);
-  if (!footage) return tl::unexpected(footage.error());
+  if (!footage) return propagate(footage);
   const std::size_t told = footage->left_out.size();
   const auto enough = admit(*footage);
   for (std::size_t i = told; i < footage->left_out.size(); ++i)
@@ -195,7 +196,7 @@ Result<void> drift(const FootageOptions& footage_options, const DriftOptions& op
   if (auto possible = check_block(options, footage->frames.size()); !possible) return possible;
   Json result = describe("drift", words, footage_options, *footage);
   const auto study = study_of(footage_options, options, *footage);
-  if (!study) return tl::unexpected(study.error());
+  if (!study) return propagate(study);
   result["settings"] = describe_settings(*study);
 
   std::cout << footage->frames.size() << " frames, vector instructions " << vector_instructions() << ".\n"

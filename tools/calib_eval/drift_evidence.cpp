@@ -36,9 +36,10 @@ Result<void> admit(Footage& footage) {
   }
   footage.frames = std::move(admitted);
   if (footage.frames.size() >= fewest_drift_frames) return {};
-  return fail("too_few_frames", std::to_string(footage.frames.size()) + " frames can be used, and at least " +
-                                    std::to_string(fewest_drift_frames) + " are needed to draw sequences from" +
-                                    (footage.left_out.empty() ? "" : "; " + footage.left_out.front()));
+  return fail(ErrorCode::too_few_frames, std::to_string(footage.frames.size()) + " frames can be used, and at least " +
+                                             std::to_string(fewest_drift_frames) +
+                                             " are needed to draw sequences from" +
+                                             (footage.left_out.empty() ? "" : "; " + footage.left_out.front()));
 }
 
 std::size_t places_of(const std::vector<LadderPlan>& plans) {
@@ -50,7 +51,7 @@ std::size_t places_of(const std::vector<LadderPlan>& plans) {
 Result<DriftEvidence> measure(const Footage& footage, const std::vector<LadderPlan>& plans, const Objective& objective,
                               int threads, const std::function<void()>& done) {
   const auto features = footage.features({.min_points = QualityLimits{}.min_points}, threads);
-  if (!features) return tl::unexpected(features.error());
+  if (!features) return propagate(features);
   DriftEvidence evidence;
   evidence.still.resize(features->size());
   struct Place {

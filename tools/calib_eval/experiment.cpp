@@ -88,7 +88,7 @@ Summary summarise(const std::vector<Run>& runs) {
 Result<Experiment> conduct(const Footage& footage, const Cell& cell, const Protocol& protocol) {
   const auto features = footage.features(
       {.bounds = reach(cell.range), .baselines = needs_baseline_features(cell.method)}, protocol.threads);
-  if (!features) return tl::unexpected(features.error());
+  if (!features) return propagate(features);
   const auto frames = pointers(*features);
   const auto starts = starting_motions(cell.range, cell.degrees_of_freedom == 6, protocol.starts, protocol.seed);
 

@@ -26,7 +26,7 @@ struct Cell {
 struct Run {
   RigidTransform start = RigidTransform::Identity();
   /// Where it ended, or why it did not.
-  Result<SearchResult> result = fail("not_run", "");
+  Result<SearchResult> result = fail(ErrorCode::not_run, "");
   RigidTransform end = RigidTransform::Identity();  // of no meaning without a result
   double seconds = 0;                               // of one core
 

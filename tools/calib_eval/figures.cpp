@@ -54,7 +54,7 @@ Result<std::optional<Figure>> draw(const Footage& footage, const Experiment& exp
   const Footage::Frame& frame = footage.frames[footage.frames.size() / 2];
   const auto features = make_features(frame.pair, frame.depth, footage.camera, footage.T_camera_lidar,
                                       {.bounds = reach(cell.range), .baselines = needs_baseline_features(cell.method)});
-  if (!features) return tl::unexpected(features.error());
+  if (!features) return propagate(features);
   const Objective& objective = run.result->objective;
   figure.features = features_of(objective);
 
@@ -70,7 +70,7 @@ Result<std::optional<Figure>> draw(const Footage& footage, const Experiment& exp
     const RigidTransform T_camera_lidar = footage.T_camera_lidar * motion;
     const auto file = folder / (std::string(stem) + name + ".png");
     if (auto written = write_overlay(file, frame.pair, footage.camera, T_camera_lidar); !written)
-      return tl::unexpected(written.error());
+      return propagate(written);
     figure.views.push_back({name, score(*features, T_camera_lidar, objective).value,
                             joint_histogram(*features, T_camera_lidar, figure.features), file});
   }

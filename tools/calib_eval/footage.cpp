@@ -38,7 +38,7 @@ Result<Source> open_recording(const FootageOptions& options) {
       return open_kitti_360(options.root, options.drive, options.camera.empty() ? "image_00" : options.camera);
     return open_list(options.root);
   }();
-  if (!recording) return tl::unexpected(recording.error());
+  if (!recording) return propagate(recording);
   Source source{recording->camera(),
                 recording->T_camera_lidar(),
                 recording->baseline_m(),
@@ -53,7 +53,7 @@ Result<Source> open_recording(const FootageOptions& options) {
 Result<Source> open_simulation(const FootageOptions& options) {
   auto driven =
       SimulatedDrive::drive({options.places, options.frames, options.period_s, options.seed, options.threads});
-  if (!driven) return tl::unexpected(driven.error());
+  if (!driven) return propagate(driven);
   const auto drive = std::make_shared<const SimulatedDrive>(*std::move(driven));
   Source source{drive->camera,
                 drive->T_camera_lidar,
@@ -82,7 +82,7 @@ Result<std::string> open(Network& network, const FootageOptions& options, const 
   constexpr std::string_view prefix = "onnx:";
   if (!options.depth.starts_with(prefix)) return std::string();
   auto estimator = make_onnx_depth(options.depth.substr(prefix.size()), camera, {.threads = options.threads});
-  if (!estimator) return tl::unexpected(estimator.error());
+  if (!estimator) return propagate(estimator);
   network.estimator = *std::move(estimator);
   return network.estimator->prepare();
 }
@@ -98,11 +98,11 @@ Result<DepthMap> depth_of(const FootageOptions& options, const Source& source, N
     if (options.depth == "stereo") {
       // One for each frame, as they keep scratch memory and frames are read side by side.
       const auto stereo = make_stereo_depth(source.camera, *source.baseline_m);
-      if (!stereo) return tl::unexpected(stereo.error());
+      if (!stereo) return propagate(stereo);
       return (*stereo)->estimate(pair);
     }
     const auto kind = parse_depth_kind(options.depth_kind);
-    if (!kind) return tl::unexpected(kind.error());
+    if (!kind) return propagate(kind);
     return read_depth({options.depth_dir, *kind, options.depth_scale}, source.names[index], source.camera,
                       source.baseline_m);
   };
@@ -113,8 +113,8 @@ Result<DepthMap> depth_of(const FootageOptions& options, const Source& source, N
 
 /// A frame of the recording: read, or why it cannot be; and, where it can, why it is of no use.
 struct Reading {
-  Result<FramePair> pair = fail("not_read", "");
-  Result<DepthMap> depth = fail("not_read", "");
+  Result<FramePair> pair = fail(ErrorCode::not_read, "");
+  Result<DepthMap> depth = fail(ErrorCode::not_read, "");
   std::optional<Error> useless;
 };
 
@@ -145,18 +145,18 @@ std::string abridged(const std::vector<std::string>& phrases) {
 /// What shows at the recording's own extrinsic before anything is made of it.
 Result<void> check_source(const FootageOptions& options, const Source& source) {
   if (options.depth == "stereo" && !source.has_stereo)
-    return fail("stereo_missing", options.root.string() +
-                                      " has no right images, or no baseline is known: stereo depth "
-                                      "needs both; give depth files (--depth-dir) instead");
+    return fail(ErrorCode::stereo_missing, options.root.string() +
+                                               " has no right images, or no baseline is known: stereo depth "
+                                               "needs both; give depth files (--depth-dir) instead");
   std::error_code error;
   if (!options.depth_dir.empty() && !std::filesystem::is_directory(options.depth_dir, error))
-    return fail("depth_missing", options.depth_dir.string() + " is not a folder");
+    return fail(ErrorCode::depth_missing, options.depth_dir.string() + " is not a folder");
   constexpr double largest_vehicle_m = 30;
   const double distance_m = source.T_camera_lidar.translation().norm();
   if (distance_m < largest_vehicle_m) return {};
   char metres[32];
   std::snprintf(metres, sizeof metres, "%.3g", distance_m);
-  return fail("extrinsic_implausible",
+  return fail(ErrorCode::extrinsic_implausible,
               "T_camera_lidar sets camera and LiDAR " + std::string(metres) + " m apart: is it in millimetres?");
 }
 
@@ -244,11 +244,11 @@ std::vector<std::size_t> spread_evenly(std::size_t available, std::size_t wanted
 
 Result<Footage> Footage::read(const FootageOptions& options) {
   const auto source = open(options);
-  if (!source) return tl::unexpected(source.error());
-  if (auto good = check_source(options, *source); !good) return tl::unexpected(good.error());
+  if (!source) return propagate(source);
+  if (auto good = check_source(options, *source); !good) return propagate(good);
   Network network;
   auto remark = open(network, options, source->camera);
-  if (!remark) return tl::unexpected(remark.error());
+  if (!remark) return propagate(remark);
   const auto indices = spread_evenly(source->names.size(), static_cast<std::size_t>(options.frames));
   std::vector<Reading> readings(indices.size());
   parallel_for(indices.size(), options.threads,
@@ -264,27 +264,28 @@ Result<Footage> Footage::read(const FootageOptions& options) {
     Reading& reading = readings[i];
     if (!reading.pair) return tl::unexpected(reading.pair.error());
     if (i == 0)
-      if (auto plausible = check_first(reading, footage); !plausible) return tl::unexpected(plausible.error());
+      if (auto plausible = check_first(reading, footage); !plausible) return propagate(plausible);
     const std::string& name = source->names[indices[i]];
     if (reading.useless)
       footage.left_out.push_back("frame " + name + " is left out: " + reading.useless->context);
     else
       footage.frames.push_back({name, *std::move(reading.pair), *std::move(reading.depth)});
   }
-  if (footage.frames.size() < fewest_frames) return fail("too_few_frames", too_few(footage, indices.size(), *source));
+  if (footage.frames.size() < fewest_frames)
+    return fail(ErrorCode::too_few_frames, too_few(footage, indices.size(), *source));
   footage.agreement = agreement_of(footage, options.threads);
   remark_on_agreement(options, footage);
   return footage;
 }
 
 Result<std::vector<FeatureSet>> Footage::features(const FeatureSettings& settings, int threads) const {
-  std::vector<Result<FeatureSet>> made(frames.size(), fail("not_made", ""));
+  std::vector<Result<FeatureSet>> made(frames.size(), fail(ErrorCode::not_made, ""));
   parallel_for(frames.size(), threads, [&](std::size_t i) {
     made[i] = make_features(frames[i].pair, frames[i].depth, camera, T_camera_lidar, settings);
   });
   std::vector<FeatureSet> features;
   for (auto& one : made) {
-    if (!one) return tl::unexpected(one.error());
+    if (!one) return propagate(one);
     features.push_back(*std::move(one));
   }
   return features;

@@ -54,7 +54,7 @@ Result<std::array<int, 2>> parse_axis_pair(const std::string& text) {
   const std::array axes{axis(std::string_view(text).substr(0, colon)),
                         colon < text.size() ? axis(std::string_view(text).substr(colon + 1)) : 6};
   if (axes[0] < 6 && axes[1] < 6 && axes[0] != axes[1]) return axes;
-  return fail("unknown_axis",
+  return fail(ErrorCode::unknown_axis,
               "'" + escape_control(text) + "' is not two of roll, pitch, yaw, x, y, z with a colon between them");
 }
 

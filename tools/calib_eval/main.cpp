@@ -375,7 +375,8 @@ int main(int argc, char** argv) {
   try {
     done = line.run();
   } catch (const std::bad_alloc&) {
-    done = calib::fail("out_of_memory", "there is not enough memory; use fewer --frames, or fewer --threads");
+    done = calib::fail(calib::ErrorCode::out_of_memory,
+                       "there is not enough memory; use fewer --frames, or fewer --threads");
   }
   std::cout << std::flush;
   if (!done) std::cerr << "calib-eval: " << calib::escape_control(done.error().context) << '\n';

@@ -100,7 +100,7 @@ std::string columns(const std::array<std::string, 9>& cells) {
 }
 
 tl::unexpected<Error> write_failed(const fs::path& file, const std::string& why = "") {
-  return fail("write_failed", file.string() + " cannot be written" + why);
+  return fail(ErrorCode::write_failed, file.string() + " cannot be written" + why);
 }
 
 }  // namespace

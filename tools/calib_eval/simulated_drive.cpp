@@ -28,7 +28,7 @@ Result<SimulatedDrive> SimulatedDrive::drive(const DriveOptions& options) {
     simulation.seed = options.seed + place;
     simulation.lidar.field_of_view_deg = lidar_view_deg;
     auto made = vehicle::simulated_vehicle(simulation);
-    if (!made) return tl::unexpected(made.error());
+    if (!made) return propagate(made);
     vehicles.push_back(*std::move(made));
   }
   SimulatedDrive drive{vehicles[0].camera, vehicles[0].baseline_m, vehicles[0].T_camera_lidar, {}};
@@ -42,14 +42,14 @@ Result<SimulatedDrive> SimulatedDrive::drive(const DriveOptions& options) {
       auto frame =
           vehicles[place].frame(index, options.period_s * static_cast<double>(index), RigidTransform::Identity());
       if (!frame)
-        seen[place] = tl::unexpected(frame.error());
+        seen[place] = propagate(frame);
       else
         drive.frames[i] = {std::to_string(options.seed + place) + "/" + std::to_string(index), FramePair(*frame),
                            true_depth(*frame)};
     }
   });
   for (const auto& street : seen)
-    if (!street) return tl::unexpected(street.error());
+    if (!street) return propagate(street);
   return drive;
 }
 

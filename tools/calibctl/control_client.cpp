@@ -33,15 +33,15 @@ Result<FileDescriptor> connect_to(const std::filesystem::path& path) {
   sockaddr_un address{};
   address.sun_family = AF_UNIX;
   if (path.native().size() >= sizeof address.sun_path)
-    return fail("bad_socket", path.string() + " is too long for the name of a socket");
+    return fail(ErrorCode::bad_socket, path.string() + " is too long for the name of a socket");
   std::memcpy(address.sun_path, path.c_str(), path.native().size());
   FileDescriptor socket(::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0));
   if (::connect(socket.number, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0)
     return socket;
   const std::string why = path.string() + ": " + std::strerror(errno);
   if (errno == ENOENT || errno == ECONNREFUSED || errno == ENOTDIR)
-    return fail("daemon_not_running", "calibd does not run: " + why);
-  return fail(errno == EACCES ? "denied" : "failed", "calibd cannot be asked: " + why);
+    return fail(ErrorCode::daemon_not_running, "calibd does not run: " + why);
+  return fail(errno == EACCES ? ErrorCode::denied : ErrorCode::failed, "calibd cannot be asked: " + why);
 }
 
 bool send_all(int socket, std::string_view line) {
@@ -66,15 +66,15 @@ Result<std::string> receive_line(int socket, std::chrono::seconds patience,
     if (ready == 0) {
       waiting(waited);
       if (waited >= patience)
-        return fail("no_answer", "calibd has not answered for " + std::to_string(waited.count()) + " s");
+        return fail(ErrorCode::no_answer, "calibd has not answered for " + std::to_string(waited.count()) + " s");
     }
     if (ready <= 0) continue;
     const ssize_t received = ::read(socket, buffer.data(), buffer.size());
     if (received < 0 && errno == EINTR) continue;
-    if (received <= 0) return fail("malformed_reply", "calibd closed the connection without a whole answer");
+    if (received <= 0) return fail(ErrorCode::malformed_reply, "calibd closed the connection without a whole answer");
     line.append(buffer.data(), static_cast<std::size_t>(received));
     if (const auto end = line.find('\n'); end != std::string::npos) return line.substr(0, end);
-    if (line.size() > max_reply_bytes) return fail("malformed_reply", "the answer is longer than 4 MiB");
+    if (line.size() > max_reply_bytes) return fail(ErrorCode::malformed_reply, "the answer is longer than 4 MiB");
   }
 }
 
@@ -84,19 +84,20 @@ Result<nlohmann::json> ask(const std::filesystem::path& path, const nlohmann::js
                            std::chrono::seconds patience,
                            const std::function<void(std::chrono::seconds)>& waiting) {
   const auto socket = connect_to(path);
-  if (!socket) return tl::unexpected(socket.error());
+  if (!socket) return propagate(socket);
   if (!send_all(socket->number, question.dump() + '\n'))
-    return fail("no_answer", std::string("calibd hung up: ") + std::strerror(errno));
+    return fail(ErrorCode::no_answer, std::string("calibd hung up: ") + std::strerror(errno));
   const auto line = receive_line(socket->number, patience, waiting);
-  if (!line) return tl::unexpected(line.error());
+  if (!line) return propagate(line);
   nlohmann::json reply = parse_json(*line);
   if (!reply.is_object() || !reply.contains("ok") || !reply["ok"].is_boolean())
-    return fail("malformed_reply", "the answer is not an object with \"ok\"");
+    return fail(ErrorCode::malformed_reply, "the answer is not an object with \"ok\"");
   if (reply["ok"].get<bool>()) return reply;
   if (!reply.contains("code") || !reply["code"].is_string() || !reply.contains("message") ||
       !reply["message"].is_string())
-    return fail("malformed_reply", "calibd refused without saying why");
-  return fail(reply["code"].get<std::string>(), reply["message"].get<std::string>());
+    return fail(ErrorCode::malformed_reply, "calibd refused without saying why");
+  const auto code = parse_error_code(reply["code"].get_ref<const std::string&>());
+  return fail(code.value_or(ErrorCode::failed), reply["message"].get<std::string>());
 }
 
 void show_waiting(std::chrono::seconds waited) {

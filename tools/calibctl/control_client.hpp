@@ -11,7 +11,7 @@ namespace calib::ctl {
 
 /// Asks calibd one question (proto/control.md) and returns its reply, an object with "ok": true. `waiting` is
 /// called about once a second while there is no reply. Fails with `daemon_not_running`, `denied`,
-/// `no_answer`, `malformed_reply`, or with the code of calibd's refusal.
+/// `no_answer`, `malformed_reply`, or with the code of calibd's refusal; `failed` where this version does not know it.
 [[nodiscard]] Result<nlohmann::json> ask(const std::filesystem::path& socket, const nlohmann::json& question,
                                          std::chrono::seconds patience,
                                          const std::function<void(std::chrono::seconds)>& waiting);

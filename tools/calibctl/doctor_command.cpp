@@ -44,12 +44,13 @@ Result<Examination> understood(const json& reply) {
     for (const json& overlay : reply.at("overlays"))
       examination.overlays.push_back({overlay.at("pair").get<std::string>(), overlay.at("file").get<std::string>()});
   } catch (const json::exception& error) {
-    return fail("malformed_reply", std::string("calibd answered in a form that is not understood: ") + error.what());
+    return fail(ErrorCode::malformed_reply,
+                std::string("calibd answered in a form that is not understood: ") + error.what());
   }
   const bool known = std::ranges::all_of(
       examination.checks, [](const Check& check) { return std::ranges::find(results, check.result) != results.end(); });
   if (examination.checks.empty() || !known)
-    return fail("malformed_reply", "calibd answered with no check, or with a result that is not understood");
+    return fail(ErrorCode::malformed_reply, "calibd answered with no check, or with a result that is not understood");
   return examination;
 }
 
@@ -102,28 +103,30 @@ std::string examination_text(const Examination& examination) {
 Result<std::string> read_picture(const std::filesystem::path& file) {
   constexpr std::uint64_t most_bytes = 256 << 20;
   auto bytes = read_regular_file(file, most_bytes);
-  if (bytes && !bytes->starts_with("\x89PNG\r\n")) return fail("malformed_reply", "it is not a picture");
+  if (bytes && !bytes->starts_with("\x89PNG\r\n")) return fail(ErrorCode::malformed_reply, "it is not a picture");
   return bytes;
 }
 
 /// Copies the pictures out of calibd's own folder, and lets the answer name the copies.
 Result<void> take_overlays(json& reply, const std::filesystem::path& folder) {
   std::error_code error;
-  if (is_foreign_link(folder)) return fail("failed", folder.string() + " is a link that another user has made");
+  if (is_foreign_link(folder))
+    return fail(ErrorCode::failed, folder.string() + " is a link that another user has made");
   std::filesystem::create_directories(folder, error);
   for (json& overlay : reply["overlays"]) {
     const std::filesystem::path from = overlay["file"].get<std::string>();
     const std::filesystem::path to = folder / from.filename();
     const auto copied = read_picture(from).and_then([&](const std::string& bytes) { return replace_file(to, bytes); });
     if (!copied)
-      return fail("failed", from.string() + " cannot be copied to " + to.string() + ": " + copied.error().context);
+      return fail(ErrorCode::failed,
+                  from.string() + " cannot be copied to " + to.string() + ": " + copied.error().context);
     overlay["file"] = to.string();
   }
   return {};
 }
 
 Error with_remedy(Error error) {
-  if (error.code == "daemon_not_running")
+  if (error.code == ErrorCode::daemon_not_running)
     error.context +=
         "; why, say: calibctl check-config /etc/calibd/calibd.yaml, systemctl status calibd, "
         "journalctl -u calibd";

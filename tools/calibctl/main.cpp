@@ -9,14 +9,24 @@
 namespace calib::ctl {
 
 Exit exit_for(const Error& error) {
-  const auto is_one_of = [&](std::initializer_list<std::string_view> codes) {
-    return std::ranges::find(codes, error.code) != codes.end();
-  };
-  if (is_one_of({"daemon_not_running", "not_found", "store_not_found", "key_not_found", "record_not_found"}))
-    return Exit::not_found;
-  if (is_one_of({"bad_signature", "wrong_key", "broken_chain", "malformed_record"})) return Exit::no;
-  if (is_one_of({"bad_request", "bad_name"})) return Exit::usage;
-  return Exit::failed;
+  switch (error.code) {
+    case ErrorCode::daemon_not_running:
+    case ErrorCode::not_found:
+    case ErrorCode::store_not_found:
+    case ErrorCode::key_not_found:
+    case ErrorCode::record_not_found:
+      return Exit::not_found;
+    case ErrorCode::bad_signature:
+    case ErrorCode::wrong_key:
+    case ErrorCode::broken_chain:
+    case ErrorCode::malformed_record:
+      return Exit::no;
+    case ErrorCode::bad_request:
+    case ErrorCode::bad_name:
+      return Exit::usage;
+    default:
+      return Exit::failed;
+  }
 }
 
 Exit complain(const Error& error) {

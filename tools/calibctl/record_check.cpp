@@ -33,8 +33,9 @@ RecordCheck check(const PairStatus& pair, const Chain& chain) {
 std::vector<RecordCheck> check_records(const Status& status, const Places& places) {
   // For a status the daemon is not asked for all of its records.
   const auto verified = only_daemon_may_read(places)
-                            ? Result<Chain>(fail("denied", "only calibd and root may read the store; `calibctl verify` "
-                                                           "has calibd show the records"))
+                            ? Result<Chain>(fail(ErrorCode::denied,
+                                                 "only calibd and root may read the store; `calibctl verify` "
+                                                 "has calibd show the records"))
                             : read_chain(places);
   std::vector<RecordCheck> checks;
   for (const PairStatus& pair : status.pairs) {

@@ -16,7 +16,8 @@ using VerifiedRecord = Chain::Link;
 /// Of at least one record.
 Result<Chain> read_some(const Places& places) {
   auto chain = read_chain(places);
-  if (chain && chain->stored == 0 && !chain->broken) return fail("record_not_found", "the store holds no records yet");
+  if (chain && chain->stored == 0 && !chain->broken)
+    return fail(ErrorCode::record_not_found, "the store holds no records yet");
   return chain;
 }
 
@@ -92,15 +93,17 @@ Result<void> write_new(const std::filesystem::path& file, std::string_view bytes
   const auto there = std::filesystem::symlink_status(file, error).type();
   if (there == std::filesystem::file_type::regular && read_regular_file(file, largest_export) == bytes) return {};
   if (!std::filesystem::exists(std::filesystem::file_status(there))) return replace_file(file, bytes);
-  return fail("file_exists", file.string() + " is there already, is not this record, and is kept; export into " +
-                                 "another folder, or move it away");
+  return fail(ErrorCode::file_exists, file.string() +
+                                          " is there already, is not this record, and is kept; export into " +
+                                          "another folder, or move it away");
 }
 
 Result<void> export_record(const VerifiedRecord& shown, const std::filesystem::path& folder) {
   std::error_code error;
-  if (is_foreign_link(folder)) return fail("export_failed", folder.string() + " is a link that another user has made");
+  if (is_foreign_link(folder))
+    return fail(ErrorCode::export_failed, folder.string() + " is a link that another user has made");
   std::filesystem::create_directories(folder, error);
-  if (error) return fail("export_failed", folder.string() + ": " + error.message());
+  if (error) return fail(ErrorCode::export_failed, folder.string() + ": " + error.message());
   const std::filesystem::path file = folder / record_file_name(shown.record.sequence);
   if (const auto written = write_new(file, shown.bytes.canonical); !written) return written;
   return write_new(file.string() + ".minisig", shown.bytes.signature);
@@ -109,15 +112,16 @@ Result<void> export_record(const VerifiedRecord& shown, const std::filesystem::p
 Result<std::string> read_text_file(const std::filesystem::path& file) {
   auto text = read_regular_file(file, largest_export);
   if (text) return text;
-  return fail(text.error().code == "file_too_large" ? "malformed_record" : "not_found", text.error().context);
+  return fail(text.error().code == ErrorCode::file_too_large ? ErrorCode::malformed_record : ErrorCode::not_found,
+              text.error().context);
 }
 
 /// A record that its signature vouches for; its place in the chain is not looked at.
 Result<VerifiedRecord> read_exported(const std::filesystem::path& file, const PublicKey& key) {
   const auto canonical = read_text_file(file);
-  if (!canonical) return tl::unexpected(canonical.error());
+  if (!canonical) return propagate(canonical);
   const auto signature = read_text_file(file.string() + ".minisig");
-  if (!signature) return tl::unexpected(signature.error());
+  if (!signature) return propagate(signature);
   const auto record = verify_signature(*canonical, *signature, key).and_then([&] { return parse_record(*canonical); });
   if (!record) return fail(record.error().code, file.string() + " does not verify: " + record.error().context);
   return VerifiedRecord{*record, {*canonical, *signature}};
@@ -131,7 +135,7 @@ Exit verify_files(const std::vector<std::filesystem::path>& files, const PublicK
     if (!record) return complain(record.error());
     records.push_back(std::move(*record));
   }
-  if (records.empty()) return complain({"bad_request", "name at least one exported record, NNNNNN.json"});
+  if (records.empty()) return complain({ErrorCode::bad_request, "name at least one exported record, NNNNNN.json"});
   std::ranges::sort(records, {}, [](const VerifiedRecord& record) { return record.record.sequence; });
   std::uint64_t links = 0;
   for (std::size_t i = 1; i < records.size(); ++i) {
@@ -139,10 +143,10 @@ Exit verify_files(const std::vector<std::filesystem::path>& files, const PublicK
     const std::string numbers =
         std::to_string(before.record.sequence) + " and " + std::to_string(after.record.sequence);
     if (before.record.sequence == after.record.sequence && before.bytes.canonical != after.bytes.canonical)
-      return complain({"broken_chain", "two different records have the number " + numbers});
+      return complain({ErrorCode::broken_chain, "two different records have the number " + numbers});
     if (before.record.sequence + 1 != after.record.sequence) continue;
     if (after.record.previous_sha256 != sha256_hex(before.bytes.canonical))
-      return complain({"broken_chain", "records " + numbers + " are signed, but do not follow each other"});
+      return complain({ErrorCode::broken_chain, "records " + numbers + " are signed, but do not follow each other"});
     ++links;
   }
   std::cout << counted(records.size(), "record") << " verified, key " << key.id_text() << "; " << counted(links, "link")
@@ -169,7 +173,7 @@ Exit history(const Places& places, const std::string& pair) {
               << " from there on not shown\n";
     return exit;
   }
-  return any ? Exit::done : complain({"record_not_found", "there is no record of a pair '" + pair + "'"});
+  return any ? Exit::done : complain({ErrorCode::record_not_found, "there is no record of a pair '" + pair + "'"});
 }
 
 Exit show(const Places& places, const ShowOptions& options) {
@@ -177,7 +181,7 @@ Exit show(const Places& places, const ShowOptions& options) {
   if (!chain) return complain(chain.error());
   const std::uint64_t sequence = options.sequence.value_or(chain->stored);
   if (sequence == 0 || sequence > chain->stored)
-    return complain({"record_not_found", "the store holds records 1 to " + std::to_string(chain->stored)});
+    return complain({ErrorCode::record_not_found, "the store holds records 1 to " + std::to_string(chain->stored)});
   if (sequence > chain->verified.size()) return complain(*chain->broken);
   const VerifiedRecord& shown = chain->verified[sequence - 1];
   if (!options.export_to.empty()) {

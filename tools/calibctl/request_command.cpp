@@ -51,7 +51,7 @@ Result<bool> show_answer(const json& reply, const std::string& pair) {
     std::cout << text.str();
     return verdict != "rejected";
   } catch (const std::exception& error) {
-    return fail("malformed_reply",
+    return fail(ErrorCode::malformed_reply,
                 std::string("calibd answered in a form that is not understood: ") + error.what());
   }
 }

@@ -43,10 +43,9 @@ Exit check_config(const std::filesystem::path& file) {
   int ended = 0;
   while (child > 0 && ::waitpid(child, &ended, 0) < 0 && errno == EINTR) {
   }
-  if (child < 0 || !WIFEXITED(ended))
-    return complain({"failed", "calibd did not get to the end of the file"});
+  if (child < 0 || !WIFEXITED(ended)) return complain({ErrorCode::failed, "calibd did not get to the end of the file"});
   if (WEXITSTATUS(ended) == exec_failed)
-    return complain({"not_found", "there is no calibd beside calibctl or in PATH to read the file with"});
+    return complain({ErrorCode::not_found, "there is no calibd beside calibctl or in PATH to read the file with"});
   return WEXITSTATUS(ended) == 0 ? Exit::done : Exit::failed;
 }
 

@@ -46,11 +46,10 @@ Result<json> read_snapshot(const Places& places, std::optional<double>& age_s) {
   struct stat about {};
   const auto content = read_regular_file(places.snapshot(), most_bytes);
   if (!content || ::stat(places.snapshot().c_str(), &about) != 0)
-    return fail("daemon_not_running", "calibd does not run, and it has left no snapshot in " +
-                                          places.snapshot().string() +
-                                          (content ? "" : " (" + content.error().context + ")"));
-  age_s = std::max(0.0,
-                   std::chrono::duration<double>(now() - std::chrono::seconds(about.st_mtim.tv_sec)).count());
+    return fail(ErrorCode::daemon_not_running, "calibd does not run, and it has left no snapshot in " +
+                                                   places.snapshot().string() +
+                                                   (content ? "" : " (" + content.error().context + ")"));
+  age_s = std::max(0.0, std::chrono::duration<double>(now() - std::chrono::seconds(about.st_mtim.tv_sec)).count());
   return parse_json(*content);
 }
 
@@ -75,12 +74,12 @@ Result<Report> collect(const Places& places) {
   auto reply = ask(places.socket, {{"schema", 1}, {"request", "status"}}, status_patience, [](auto) {});
   if (reply)
     reply = reply->value("status", json());
-  else if (reply.error().code == "daemon_not_running")
+  else if (reply.error().code == ErrorCode::daemon_not_running)
     reply = read_snapshot(places, report.snapshot_age_s);
-  if (!reply) return tl::unexpected(reply.error());
+  if (!reply) return propagate(reply);
 
   auto status = parse_status(*reply);
-  if (!status) return tl::unexpected(status.error());
+  if (!status) return propagate(status);
   report.raw = std::move(*reply);
   report.status = std::move(*status);
   expire(report.status, boot_time());

@@ -18,13 +18,13 @@ constexpr std::chrono::seconds patience{10};
 
 Result<std::vector<SignedRecord>> from_store(const Places& places) {
   const auto store = Store::open(places.store(), Store::Mode::read_only);
-  if (!store) return tl::unexpected(store.error());
+  if (!store) return propagate(store);
   const auto count = store->record_count();
-  if (!count) return tl::unexpected(count.error());
+  if (!count) return propagate(count);
   std::vector<SignedRecord> records;
   for (std::uint64_t sequence = 1; sequence <= *count; ++sequence) {
     auto record = store->record(sequence);
-    if (!record && record.error().code != "record_not_found") return tl::unexpected(record.error());
+    if (!record && record.error().code != ErrorCode::record_not_found) return propagate(record);
     records.push_back(record ? std::move(*record) : SignedRecord{});  // a gap does not verify
   }
   return records;
@@ -43,9 +43,10 @@ Result<std::vector<SignedRecord>> from_daemon(const Places& places) {
       for (const json& record : reply->at("records").get_ref<const json::array_t&>())
         records.push_back({record.at("canonical").get<std::string>(), record.at("signature").get<std::string>()});
       if (records.size() >= integer_from<std::uint64_t>(reply->at("stored"))) return records;
-      if (records.size() == before) return fail("malformed_reply", "calibd has more records than it shows");
+      if (records.size() == before) return fail(ErrorCode::malformed_reply, "calibd has more records than it shows");
     } catch (const std::exception& error) {
-      return fail("malformed_reply", std::string("calibd answered in a form that is not understood: ") + error.what());
+      return fail(ErrorCode::malformed_reply,
+                  std::string("calibd answered in a form that is not understood: ") + error.what());
     }
   }
 }
@@ -68,14 +69,14 @@ bool only_daemon_may_read(const Places& places) {
 Result<Chain> read_chain(const Places& places) {
   const auto last = remembered(places);  // first: the chain may grow while it is read
   const auto stored = only_daemon_may_read(places) ? from_daemon(places) : from_store(places);
-  if (!stored) return tl::unexpected(stored.error());
+  if (!stored) return propagate(stored);
   const auto key = load_public_key(places.public_key);
-  if (!key) return tl::unexpected(key.error());
+  if (!key) return propagate(key);
   Chain chain{*key, {}, stored->size(), std::nullopt};
   const auto record_of = [&](std::uint64_t sequence) -> Result<SignedRecord> {
     const SignedRecord& record = (*stored)[sequence - 1];
     if (record.canonical.empty())
-      return fail("record_not_found", "the store holds no record " + std::to_string(sequence));
+      return fail(ErrorCode::record_not_found, "the store holds no record " + std::to_string(sequence));
     return record;
   };
   const auto all =
@@ -85,9 +86,9 @@ Result<Chain> read_chain(const Places& places) {
   if (!all)
     chain.broken = all.error();
   else if (last && *last > chain.stored)
-    chain.broken = Error{"broken_chain", "the store ends with record " + std::to_string(chain.stored) +
-                                             ", but calibd had written record " + std::to_string(*last) +
-                                             ": records were cut off, or an older store was put back"};
+    chain.broken = Error{ErrorCode::broken_chain, "the store ends with record " + std::to_string(chain.stored) +
+                                                      ", but calibd had written record " + std::to_string(*last) +
+                                                      ": records were cut off, or an older store was put back"};
   return chain;
 }
 

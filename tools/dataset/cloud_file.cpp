@@ -17,7 +17,7 @@ namespace {
 namespace fs = std::filesystem;
 
 tl::unexpected<Error> unreadable(const fs::path& path, const std::string& why) {
-  return fail("cloud_unreadable", path.string() + " " + why);
+  return fail(ErrorCode::cloud_unreadable, path.string() + " " + why);
 }
 
 /// Keeps the points that a `LidarScan` may hold.
@@ -185,7 +185,7 @@ Result<LidarScan> read_ascii_points(const PcdHeader& header, std::string_view by
 
 Result<LidarScan> read_pcd(std::string_view bytes, const fs::path& path) {
   const auto header = take_pcd_header(bytes, path);
-  if (!header) return tl::unexpected(header.error());
+  if (!header) return propagate(header);
   if (header->encoding == "ascii") return read_ascii_points(*header, bytes, path);
   if (header->encoding == "binary") return read_binary_points(*header, bytes, path);
   return unreadable(path, "is stored as " + excerpt(header->encoding) +
@@ -212,9 +212,9 @@ Result<LidarScan> read_cloud(const fs::path& path) {
   const bool pcd = path.extension() == ".pcd";
   if (!pcd && path.extension() != ".bin") return unreadable(path, "is neither .bin nor .pcd");
   const auto bytes = read_regular_file(path, most_bytes);
-  if (!bytes) return fail("cloud_unreadable", bytes.error().context);
+  if (!bytes) return fail(ErrorCode::cloud_unreadable, bytes.error().context);
   auto scan = pcd ? read_pcd(*bytes, path) : read_bin(*bytes, path);
-  if (scan && scan->points.empty()) return fail("cloud_empty", path.string() + " holds no point");
+  if (scan && scan->points.empty()) return fail(ErrorCode::cloud_empty, path.string() + " holds no point");
   return scan;
 }
 

@@ -18,7 +18,7 @@ namespace {
 namespace fs = std::filesystem;
 
 tl::unexpected<Error> unreadable(const fs::path& path, const std::string& why) {
-  return fail("depth_unreadable", path.string() + " " + why);
+  return fail(ErrorCode::depth_unreadable, path.string() + " " + why);
 }
 
 /// The text after `key` in the header of an .npy file, which is written as a Python dictionary.
@@ -34,7 +34,7 @@ std::string_view after(std::string_view header, std::string_view key) {
 Result<cv::Mat> read_npy(const fs::path& path) {
   constexpr std::uint64_t most_bytes = 256 << 20;
   const auto read = read_regular_file(path, most_bytes);
-  if (!read) return fail("depth_unreadable", read.error().context);
+  if (!read) return fail(ErrorCode::depth_unreadable, read.error().context);
   const std::string& bytes = *read;
   constexpr std::string_view magic = "\x93NUMPY";
   if (!bytes.starts_with(magic) || bytes.size() < 12) return unreadable(path, "is not an .npy file");
@@ -75,8 +75,8 @@ struct Stored {
 
 Result<Stored> read_stored(const fs::path& path) {
   if (path.extension() == ".npy") return read_npy(path).map([](const cv::Mat& values) { return Stored{values, 1}; });
-  const auto encoded = EncodedImage::read(path, "depth_unreadable");
-  if (!encoded) return tl::unexpected(encoded.error());
+  const auto encoded = EncodedImage::read(path, ErrorCode::depth_unreadable);
+  if (!encoded) return propagate(encoded);
   cv::Mat image = encoded->decode(cv::IMREAD_UNCHANGED);
   if (image.empty()) return unreadable(path, "is damaged");
   if (image.type() != CV_16UC1 && image.type() != CV_32FC1)
@@ -117,7 +117,7 @@ Result<DepthKind> parse_depth_kind(std::string_view name) {
   if (name == "inverse") return DepthKind::inverse;
   if (name == "depth") return DepthKind::depth;
   if (name == "range") return DepthKind::range;
-  return fail("unknown_depth_kind",
+  return fail(ErrorCode::unknown_depth_kind,
               "depth kind '" + escape_control(name) + "' is not known; use disparity, inverse, depth or range");
 }
 
@@ -125,10 +125,10 @@ Result<DepthMap> read_depth(const DepthFolder& depth, const std::string& frame_n
                             std::optional<double> baseline_m) {
   const auto path = find_file(depth.folder, frame_name);
   if (!path)
-    return fail("depth_missing",
+    return fail(ErrorCode::depth_missing,
                 depth.folder.string() + " has no depth of frame " + frame_name + " (.png, .npy, .tif, .tiff or .pfm)");
   auto stored = read_stored(*path);
-  if (!stored) return tl::unexpected(stored.error());
+  if (!stored) return propagate(stored);
   cv::Mat& values = stored->values;
 
   double factor = 1 / depth.scale.value_or(stored->usual_scale);
@@ -156,7 +156,7 @@ Result<DepthMap> read_depth(const DepthFolder& depth, const std::string& frame_n
     map.inverse_depth.push_back(value > 0 && std::isfinite(inverse) && inverse > 0 ? inverse : DepthMap::no_depth);
   }
   if (std::ranges::none_of(map.inverse_depth, [](float inverse) { return inverse > 0; }))
-    return fail("depth_empty", path->string() + " holds no valid depth");
+    return fail(ErrorCode::depth_empty, path->string() + " holds no valid depth");
   return map;
 }
 

@@ -6,7 +6,7 @@
 
 namespace calib {
 
-Result<EncodedImage> EncodedImage::read(const std::filesystem::path& path, const char* code) {
+Result<EncodedImage> EncodedImage::read(const std::filesystem::path& path, ErrorCode code) {
   constexpr std::uint64_t most_bytes = 256 << 20;
   auto bytes = read_regular_file(path, most_bytes);
   if (!bytes) return fail(code, bytes.error().context);
@@ -34,7 +34,7 @@ Result<void> write_encoded(const std::filesystem::path& path, const cv::Mat& pix
       return replace_file(path, {reinterpret_cast<const char*>(encoded.data()), encoded.size()});
   } catch (const cv::Exception&) {  // not an extension that can be written
   }
-  return fail("write_failed", path.string() + " cannot be written");
+  return fail(ErrorCode::write_failed, path.string() + " cannot be written");
 }
 
 }  // namespace calib

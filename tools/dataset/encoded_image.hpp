@@ -14,7 +14,7 @@ namespace calib {
 class EncodedImage {
  public:
   /// Fails with `code`: no regular file of up to 256 MiB, no format that `read_image_header` knows, over 64 Mpx.
-  [[nodiscard]] static Result<EncodedImage> read(const std::filesystem::path& path, const char* code);
+  [[nodiscard]] static Result<EncodedImage> read(const std::filesystem::path& path, ErrorCode code);
   [[nodiscard]] const ImageHeader& header() const { return header_; }
   /// `flags` as of cv::imread. Empty when the image is damaged.
   [[nodiscard]] cv::Mat decode(int flags) const;

@@ -21,7 +21,7 @@ Result<Files> files_in(const fs::path& folder, const char* what, std::initialize
   for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error))
     if (std::ranges::find(extensions, entry->path().extension()) != extensions.end())
       files.emplace(entry->path().stem().string(), entry->path());
-  if (error || files.empty()) return fail("recording_not_found", folder.string() + " holds no " + what);
+  if (error || files.empty()) return fail(ErrorCode::recording_not_found, folder.string() + " holds no " + what);
   return files;
 }
 
@@ -39,11 +39,11 @@ std::string description(const Files& files, const fs::path& folder) {
 Result<RecordedFrames> frames_by_name(const fs::path& images_folder, const std::optional<fs::path>& right_folder,
                                       const fs::path& clouds_folder) {
   const auto images = images_in(images_folder);
-  if (!images) return tl::unexpected(images.error());
+  if (!images) return propagate(images);
   const auto right_images = right_folder ? images_in(*right_folder) : Files{};
-  if (!right_images) return tl::unexpected(right_images.error());
+  if (!right_images) return propagate(right_images);
   const auto clouds = files_in(clouds_folder, "clouds (.bin, .pcd)", {".bin", ".pcd"});
-  if (!clouds) return tl::unexpected(clouds.error());
+  if (!clouds) return propagate(clouds);
 
   std::set<std::string> names;
   for (const Files& files : {*images, *clouds, *right_images})
@@ -64,10 +64,11 @@ Result<RecordedFrames> frames_by_name(const fs::path& images_folder, const std::
   const std::size_t fewest =
       std::min({images->size(), clouds->size(), right_folder ? right_images->size() : images->size()});
   if (2 * frames.complete.size() < fewest)
-    return fail("frame_mismatch", "only " + std::to_string(frames.complete.size()) +
-                                      " frames have the same name in all of " + description(*images, images_folder) +
-                                      (right_folder ? ", " + description(*right_images, *right_folder) : "") + " and " +
-                                      description(*clouds, clouds_folder));
+    return fail(ErrorCode::frame_mismatch, "only " + std::to_string(frames.complete.size()) +
+                                               " frames have the same name in all of " +
+                                               description(*images, images_folder) +
+                                               (right_folder ? ", " + description(*right_images, *right_folder) : "") +
+                                               " and " + description(*clouds, clouds_folder));
   return frames;
 }
 

@@ -8,13 +8,13 @@
 namespace calib {
 
 Result<Image> read_image(const std::filesystem::path& path, Colours colours, std::optional<std::pair<int, int>> size) {
-  const auto encoded = EncodedImage::read(path, "image_unreadable");
-  if (!encoded) return tl::unexpected(encoded.error());
+  const auto encoded = EncodedImage::read(path, ErrorCode::image_unreadable);
+  if (!encoded) return propagate(encoded);
   const ImageHeader& header = encoded->header();
   if (size && (header.width != size->first || header.height != size->second))
-    return fail("image_unreadable", path.string() + " is " + std::to_string(header.width) + " x " +
-                                        std::to_string(header.height) + " pixels, its calibration says " +
-                                        std::to_string(size->first) + " x " + std::to_string(size->second));
+    return fail(ErrorCode::image_unreadable, path.string() + " is " + std::to_string(header.width) + " x " +
+                                                 std::to_string(header.height) + " pixels, its calibration says " +
+                                                 std::to_string(size->first) + " x " + std::to_string(size->second));
   // Calibrations know nothing of a tag that turns the picture when it is shown.
   const cv::Mat grey = encoded->decode(cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
   cv::Mat read, rgb;
@@ -22,7 +22,8 @@ Result<Image> read_image(const std::filesystem::path& path, Colours colours, std
   if (colours == Colours::rgb) read = encoded->decode(cv::IMREAD_ANYCOLOR | cv::IMREAD_IGNORE_ORIENTATION);
   if (read.channels() == 3) cv::cvtColor(read, rgb, cv::COLOR_BGR2RGB);
   if (grey.cols != header.width || grey.rows != header.height)
-    return fail("image_unreadable", path.string() + " is damaged: it does not decode to the size that its header says");
+    return fail(ErrorCode::image_unreadable,
+                path.string() + " is damaged: it does not decode to the size that its header says");
   return Image{{}, grey.cols, grey.rows, {grey.datastart, grey.dataend}, {rgb.datastart, rgb.dataend}};
 }
 

@@ -22,7 +22,8 @@ bool is_rotation(const Eigen::Matrix3d& matrix) {
 Result<KittiCalibration> KittiCalibration::read(const std::filesystem::path& path) {
   constexpr std::uint64_t most_bytes = 1 << 20;
   const auto text = read_regular_file(path, most_bytes);
-  if (!text) return fail("calibration_missing", text.error().context + "; it comes with the data set's calibration");
+  if (!text)
+    return fail(ErrorCode::calibration_missing, text.error().context + "; it comes with the data set's calibration");
   std::istringstream in(*text);
   KittiCalibration file(path);
   for (std::string line; std::getline(in, line);) {
@@ -39,15 +40,16 @@ Result<KittiCalibration> KittiCalibration::read(const std::filesystem::path& pat
 Result<Eigen::Matrix3d> KittiCalibration::rotation(const std::string& key) const {
   const auto R = matrix<3, 3>(key);
   if (!R) return R;
-  if (!is_rotation(*R)) return fail("calibration_malformed", key + " of " + path_.string() + " is not a rotation");
+  if (!is_rotation(*R))
+    return fail(ErrorCode::calibration_malformed, key + " of " + path_.string() + " is not a rotation");
   return Eigen::Quaterniond(*R).normalized().toRotationMatrix();
 }
 
 Result<RigidTransform> KittiCalibration::transform(const std::string& key) const {
   const auto T = matrix<3, 4>(key);
-  if (!T) return tl::unexpected(T.error());
+  if (!T) return propagate(T);
   if (!is_rotation(T->leftCols<3>()))
-    return fail("calibration_malformed",
+    return fail(ErrorCode::calibration_malformed,
                 path_.string() + " holds no rigid transform" + (key.empty() ? "" : " under " + key));
   RigidTransform result = RigidTransform::Identity();
   result.linear() = Eigen::Quaterniond(Eigen::Matrix3d(T->leftCols<3>())).normalized().toRotationMatrix();
@@ -57,15 +59,15 @@ Result<RigidTransform> KittiCalibration::transform(const std::string& key) const
 
 Result<KittiRectifiedCamera> KittiRectifiedCamera::read(const KittiCalibration& file, const std::string& number) {
   const auto size = file.matrix<2, 1>("S_rect_" + number);
-  if (!size) return tl::unexpected(size.error());
+  if (!size) return propagate(size);
   const auto P = file.matrix<3, 4>("P_rect_" + number);
-  if (!P) return tl::unexpected(P.error());
+  if (!P) return propagate(P);
   // Beyond that no image is, and no int either.
   if (size->minCoeff() < 1 || size->maxCoeff() > 1e5)
-    return fail("calibration_malformed", "S_rect_" + number + " is not the size of an image");
+    return fail(ErrorCode::calibration_malformed, "S_rect_" + number + " is not the size of an image");
   auto camera = Camera::make(CameraModel::rectified, static_cast<int>((*size)(0)), static_cast<int>((*size)(1)),
                              {(*P)(0, 0), (*P)(1, 1), (*P)(0, 2), (*P)(1, 2)});
-  if (!camera) return tl::unexpected(camera.error());
+  if (!camera) return propagate(camera);
   return KittiRectifiedCamera{*std::move(camera), translation_of(*P)};
 }
 
@@ -75,7 +77,7 @@ Result<std::optional<double>> kitti_baseline_m(const KittiCalibration& file, con
   if (!P_left || !P_right) return std::nullopt;
   const double baseline_m = (translation_of(*P_left) - translation_of(*P_right)).x();
   if (!(baseline_m > 0))
-    return fail("calibration_malformed", "image_" + right + " is not to the right of image_" + left);
+    return fail(ErrorCode::calibration_malformed, "image_" + right + " is not to the right of image_" + left);
   return baseline_m;
 }
 

@@ -28,8 +28,8 @@ class KittiCalibration {
     const auto found = values_.find(key);
     if (found == values_.end() || found->second.size() != Rows * Columns ||
         !std::ranges::all_of(found->second, [](double value) { return std::isfinite(value); }))
-      return fail("calibration_malformed", path_.string() + " has no " + std::to_string(Rows * Columns) +
-                                               " finite numbers" + (key.empty() ? "" : " under " + key));
+      return fail(ErrorCode::calibration_malformed, path_.string() + " has no " + std::to_string(Rows * Columns) +
+                                                        " finite numbers" + (key.empty() ? "" : " under " + key));
     Eigen::Matrix<double, Rows, Columns> matrix;
     for (int i = 0; i < Rows * Columns; ++i) matrix(i / Columns, i % Columns) = found->second[i];
     return matrix;

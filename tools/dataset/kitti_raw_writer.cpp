@@ -13,7 +13,7 @@ namespace {
 namespace fs = std::filesystem;
 
 tl::unexpected<Error> write_failed(const fs::path& path) {
-  return fail("write_failed", path.string() + " cannot be written");
+  return fail(ErrorCode::write_failed, path.string() + " cannot be written");
 }
 
 /// `key: numbers`, row by row, with every digit that a double has.

@@ -47,7 +47,7 @@ T value(const YAML::Node& parent, const char* key, const char* what) {
 Result<Camera> read_camera(const YAML::Node& node) {
   check_keys(node, "camera", {"model", "size", "intrinsics", "distortion"});
   const auto model = parse_camera_model(value<std::string>(node, "model", "the name of a camera model"));
-  if (!model) return tl::unexpected(model.error());
+  if (!model) return propagate(model);
   const auto size = value<std::vector<int>>(node, "size", "[width, height]");
   if (size.size() != 2) throw Malformed{node["size"].Mark(), "size is not [width, height]"};
   std::vector<double> distortion;
@@ -67,7 +67,7 @@ Result<RigidTransform> read_transform(const YAML::Node& node) {
   Eigen::Matrix3d R;
   for (int i = 0; i < 9; ++i) R(i / 3, i % 3) = rows[i / 3][i % 3];
   if (!((R * R.transpose() - Eigen::Matrix3d::Identity()).norm() < 1e-3 && R.determinant() > 0))
-    return fail("bad_transform", "the left three columns of matrix are not a rotation");
+    return fail(ErrorCode::bad_transform, "the left three columns of matrix are not a rotation");
   const Eigen::Quaterniond q(R);
   return make_transform({rows[0][3], rows[1][3], rows[2][3]},
                         {q.normalized().x(), q.normalized().y(), q.normalized().z(), q.normalized().w()});
@@ -102,9 +102,9 @@ Result<Recording> read_list(const YAML::Node& root, const fs::path& folder) {
     if (!root[key]) throw Malformed{root.Mark(), std::string(key) + " is missing"};
   if (!root["frames"] && !root["images"]) throw Malformed{root.Mark(), "frames (or images and clouds) are missing"};
   auto camera = read_camera(root["camera"]);
-  if (!camera) return tl::unexpected(camera.error());
+  if (!camera) return propagate(camera);
   const auto T_camera_lidar = read_transform(root["T_camera_lidar"]);
-  if (!T_camera_lidar) return tl::unexpected(T_camera_lidar.error());
+  if (!T_camera_lidar) return propagate(T_camera_lidar);
   std::optional<double> baseline_m;
   if (root["baseline_m"]) {
     baseline_m = value<double>(root, "baseline_m", "a number");
@@ -120,7 +120,7 @@ Result<Recording> read_list(const YAML::Node& root, const fs::path& folder) {
   const fs::path images = path("images"), clouds = path("clouds");
   auto frames =
       frames_by_name(images, root["right_images"] ? std::optional(path("right_images")) : std::nullopt, clouds);
-  if (!frames) return tl::unexpected(frames.error());
+  if (!frames) return propagate(frames);
   return Recording(*std::move(camera), *T_camera_lidar, baseline_m, *std::move(frames));
 }
 
@@ -128,21 +128,22 @@ Result<Recording> read_list(const YAML::Node& root, const fs::path& folder) {
 
 Result<Recording> open_list(const fs::path& yaml) {
   const auto malformed = [&yaml](const YAML::Mark& mark, const std::string& why) {
-    return fail("calibration_malformed",
+    return fail(ErrorCode::calibration_malformed,
                 yaml.string() + (mark.is_null() ? "" : ":" + std::to_string(mark.line + 1)) + ": " + why);
   };
   if (std::error_code error; fs::is_directory(yaml, error)) {
     const fs::path usual = yaml / "recording.yaml";
-    return fail("recording_not_found",
+    return fail(ErrorCode::recording_not_found,
                 yaml.string() + " is a folder, and a list is a YAML file: " +
                     (fs::exists(usual, error) ? "give " + usual.string() : "tools/dataset/README.md describes it"));
   }
   constexpr std::uint64_t most_bytes = 2 << 20;  // some ten thousand frames; yaml-cpp takes 300 times that
   const auto text = read_regular_file(yaml, most_bytes);
-  if (!text) return fail("recording_not_found", text.error().context);
+  if (!text) return fail(ErrorCode::recording_not_found, text.error().context);
   try {
     auto recording = read_list(YAML::Load(*text), yaml.parent_path());
-    if (!recording && (recording.error().code == "bad_camera" || recording.error().code == "bad_transform"))
+    if (!recording &&
+        (recording.error().code == ErrorCode::bad_camera || recording.error().code == ErrorCode::bad_transform))
       recording.error().context = yaml.string() + ": " + recording.error().context;
     return recording;
   } catch (const Malformed& what) {

@@ -15,7 +15,7 @@ namespace {
 namespace fs = std::filesystem;
 
 tl::unexpected<Error> write_failed(const fs::path& path) {
-  return fail("write_failed", path.string() + " cannot be written");
+  return fail(ErrorCode::write_failed, path.string() + " cannot be written");
 }
 
 void write_list(std::ostream& out, const char* key, std::span<const double> values) {

@@ -13,17 +13,17 @@ Result<Image> read_camera_image(const std::filesystem::path& path, const Camera&
 
 Result<FramePair> Recording::frame(std::size_t index, Colours colours) const {
   if (index >= size())
-    return fail("frame_out_of_range", "frame " + std::to_string(index) + " of " + std::to_string(size()));
+    return fail(ErrorCode::frame_out_of_range, "frame " + std::to_string(index) + " of " + std::to_string(size()));
   const RecordedFrame& files = frames_.complete[index];
   auto image = read_camera_image(files.image, camera_, colours);
-  if (!image) return tl::unexpected(image.error());
+  if (!image) return propagate(image);
   auto scan = read_cloud(files.cloud);
-  if (!scan) return tl::unexpected(scan.error());
+  if (!scan) return propagate(scan);
   image->stamp = scan->stamp = index * std::chrono::milliseconds(100);
   FramePair pair{*std::move(image), std::nullopt, *std::move(scan)};
   if (files.right_image) {
     auto right = read_camera_image(*files.right_image, camera_, Colours::grey);
-    if (!right) return tl::unexpected(right.error());
+    if (!right) return propagate(right);
     right->stamp = pair.image.stamp;
     pair.right_image = *std::move(right);
   }

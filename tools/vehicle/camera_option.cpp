@@ -61,22 +61,23 @@ Result<Camera> parse_camera(const std::string& text, const std::string& size) {
   std::optional<std::vector<int>> sides;
   if (!size.empty()) {
     sides = parse_numbers<int>(size, 'x');
-    if (!sides || sides->size() != 2) return fail("bad_camera", "size '" + escape_control(size) + "' is not WxH");
+    if (!sides || sides->size() != 2)
+      return fail(ErrorCode::bad_camera, "size '" + escape_control(size) + "' is not WxH");
   }
   const auto colon = text.find(':');
   if (colon == std::string::npos) {
     for (const Lens& lens : lenses)
       if (lens.name == text)
         return make_lens(lens, sides ? (*sides)[0] : lens.usual_width, sides ? (*sides)[1] : lens.usual_height);
-    return fail("bad_camera", "'" + escape_control(text) +
-                                  "' is neither fisheye-double-sphere, kitti-360-fisheye nor "
-                                  "MODEL:fx,fy,cx,cy[,distortion...]");
+    return fail(ErrorCode::bad_camera, "'" + escape_control(text) +
+                                           "' is neither fisheye-double-sphere, kitti-360-fisheye nor "
+                                           "MODEL:fx,fy,cx,cy[,distortion...]");
   }
   const auto model = parse_camera_model(std::string_view(text).substr(0, colon));
-  if (!model) return tl::unexpected(model.error());
+  if (!model) return propagate(model);
   const auto numbers = parse_numbers<double>(std::string_view(text).substr(colon + 1), ',');
   if (!numbers || numbers->size() < 4 || !sides)
-    return fail("bad_camera", "a camera is MODEL:fx,fy,cx,cy[,distortion...] and a size WxH");
+    return fail(ErrorCode::bad_camera, "a camera is MODEL:fx,fy,cx,cy[,distortion...] and a size WxH");
   return Camera::make(*model, (*sides)[0], (*sides)[1], {numbers->begin(), numbers->begin() + 4},
                       {numbers->begin() + 4, numbers->end()});
 }

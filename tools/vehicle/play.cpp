@@ -123,12 +123,12 @@ Result<void> write_overlay_of(const Vehicle& vehicle, const PlayOptions& options
   RigidTransform T_camera_lidar = vehicle.T_camera_lidar;
   if (const auto& v = options.overlay_T_camera_lidar; v != decltype(options.overlay_T_camera_lidar){}) {
     const auto given = make_transform({v[0], v[1], v[2]}, {v[3], v[4], v[5], v[6]});
-    if (!given) return tl::unexpected(given.error());
+    if (!given) return propagate(given);
     T_camera_lidar = *given;
   }
   const double t_s = static_cast<double>(options.overlay_frame) / options.rate_hz;
   const auto pair = vehicle.frame(options.overlay_frame, t_s, perturbation(knock.at(t_s)));
-  if (!pair) return tl::unexpected(pair.error());
+  if (!pair) return propagate(pair);
   return write_overlay(options.overlay, *pair, vehicle.camera, T_camera_lidar);
 }
 
@@ -141,17 +141,17 @@ Result<void> write_frames(const Vehicle& vehicle, const PlayOptions& options, co
     const Vector6 delta = knock.at(t_s);
     truth.at(t_s, i, delta);
     const auto seen = vehicle.frame(i, t_s, perturbation(delta));
-    if (!seen) return tl::unexpected(seen.error());
+    if (!seen) return propagate(seen);
     if (const auto written = write(*seen); !written) return written;
   }
   return {};
 }
 
 Result<void> dump(const Vehicle& vehicle, const PlayOptions& options, const Knock& knock) {
-  if (!options.frames && !options.duration_s) return fail("no_end", "--dump needs --frames or --duration");
+  if (!options.frames && !options.duration_s) return fail(ErrorCode::no_end, "--dump needs --frames or --duration");
   if (vehicle.baseline_m == 0) {  // no stereo camera, and KITTI's layout has room for nothing else
     auto writer = ListWriter::create(options.dump, vehicle.camera, vehicle.T_camera_lidar);
-    if (!writer) return tl::unexpected(writer.error());
+    if (!writer) return propagate(writer);
     const auto written = write_frames(vehicle, options, knock, [&](const SeenFrame& seen) {
       return writer->append(seen.image, seen.scan, seen.range_m);
     });
@@ -165,7 +165,7 @@ Result<void> dump(const Vehicle& vehicle, const PlayOptions& options, const Knoc
   }
   const auto drive = options.dump / "2026_01_01" / "2026_01_01_drive_0001_sync";
   auto writer = KittiRawWriter::create(drive, vehicle.camera, vehicle.baseline_m, vehicle.T_camera_lidar);
-  if (!writer) return tl::unexpected(writer.error());
+  if (!writer) return propagate(writer);
   const auto written =
       write_frames(vehicle, options, knock, [&](const SeenFrame& seen) { return writer->append(seen); });
   if (!written) return written;
@@ -214,9 +214,10 @@ Result<void> drive(const Vehicle& vehicle, const PlayOptions& options, const Kno
   const EndSignals end_signals;
   const bool tells_motion = !options.publisher.topics.motion.empty();
   if (tells_motion && !vehicle.angular_velocity)
-    return fail("no_motion", "a recorded drive does not know how the vehicle turned; leave out --motion-topic");
+    return fail(ErrorCode::no_motion,
+                "a recorded drive does not know how the vehicle turned; leave out --motion-topic");
   auto publisher = Publisher::open(options.publisher, vehicle);
-  if (!publisher) return tl::unexpected(publisher.error());
+  if (!publisher) return propagate(publisher);
 
   TruthPrinter truth(vehicle.T_camera_lidar);
   MotionTeller motion(vehicle, *publisher, tells_motion);
@@ -231,7 +232,7 @@ Result<void> drive(const Vehicle& vehicle, const PlayOptions& options, const Kno
     t_s = static_cast<double>(i) / options.rate_hz;
     const Vector6 delta = knock.at(t_s);
     auto pair = vehicle.frame(i, t_s, perturbation(delta));
-    if (!pair) return tl::unexpected(pair.error());
+    if (!pair) return propagate(pair);
     if (reached(options.freeze_camera_after_s, t_s)) {
       if (!frozen) frozen = FramePair{pair->image, pair->right_image, {}};
       pair->image = frozen->image, pair->right_image = frozen->right_image;
@@ -271,7 +272,7 @@ int play(const Vehicle& vehicle, const PlayOptions& options) {
   else
     result = drive(vehicle, options, knock);
   if (result) return 0;
-  std::cerr << result.error().code << ": " << escape_control(result.error().context) << '\n';
+  std::cerr << to_string(result.error().code) << ": " << escape_control(result.error().context) << '\n';
   return 1;
 }
 

@@ -21,7 +21,7 @@ constexpr const char* odometry_hash = "3cc97dc7fb7502f8714462c526d369e35b603cfc3
 constexpr const char* point_cloud_hash = "9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5";
 
 tl::unexpected<Error> dds_failed(const std::string& what, dds_return_t code) {
-  return fail("dds_failed", what + ": " + dds_strretcode(code));
+  return fail(ErrorCode::dds_failed, what + ": " + dds_strretcode(code));
 }
 
 std_msgs_msg_dds__Header_ header(Timestamp stamp, const char* frame) {
@@ -42,7 +42,7 @@ Sequence borrowed(const void* bytes, std::size_t size) {
 Result<int> open_writer(dds_entity_t participant, const dds_topic_descriptor_t& type, const std::string& ros_name,
                         const std::string& type_hash, bool best_effort) {
   if (ros_name.size() < 2 || ros_name[0] != '/')
-    return fail("dds_failed", "a ROS topic name begins with a slash: " + ros_name);
+    return fail(ErrorCode::dds_failed, "a ROS topic name begins with a slash: " + ros_name);
   const std::unique_ptr<dds_qos_t, decltype(&dds_delete_qos)> qos(dds_create_qos(), &dds_delete_qos);
   dds_qset_reliability(qos.get(), best_effort ? DDS_RELIABILITY_BEST_EFFORT : DDS_RELIABILITY_RELIABLE, DDS_MSECS(100));
   dds_qset_durability(qos.get(), DDS_DURABILITY_VOLATILE);
@@ -93,7 +93,8 @@ Result<Publisher> Publisher::open(const PublisherOptions& options, const Vehicle
   const bool plain = std::ranges::all_of(options.interface, [](char c) {
     return std::isalnum(static_cast<unsigned char>(c)) || std::string_view("._:-@").find(c) != std::string_view::npos;
   });
-  if (options.interface.empty() || !plain) return fail("dds_failed", "not a network interface: " + options.interface);
+  if (options.interface.empty() || !plain)
+    return fail(ErrorCode::dds_failed, "not a network interface: " + options.interface);
   const std::string configuration = "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name=\"" +
                                     options.interface +
                                     "\" multicast=\"true\"/></Interfaces></General></Domain></CycloneDDS>";
@@ -128,7 +129,7 @@ Result<Publisher> Publisher::open(const PublisherOptions& options, const Vehicle
                topics.motion, imu ? imu_hash : odometry_hash}}) {
     if (wanted.name.empty() && (&wanted.writer == &publisher.depth_ || &wanted.writer == &publisher.motion_)) continue;
     const auto writer = open_writer(participant, wanted.type, wanted.name, wanted.hash, options.best_effort);
-    if (!writer) return tl::unexpected(writer.error());
+    if (!writer) return propagate(writer);
     wanted.writer = *writer;
   }
   return publisher;
@@ -161,7 +162,8 @@ Result<void> Publisher::publish(const Image& left, const Image& right) {
 
 Result<void> Publisher::publish_depth(Timestamp stamp, const std::vector<float>& depth_m) {
   if (depth_ == 0) return {};
-  if (depth_m.empty()) return fail("no_depth", "a recorded drive knows no true depth; leave out --depth-topic");
+  if (depth_m.empty())
+    return fail(ErrorCode::no_depth, "a recorded drive knows no true depth; leave out --depth-topic");
   const Camera& camera = vehicle_.camera;
   std::vector<float> values(depth_m);
   std::vector<std::uint16_t> millimetres;

@@ -8,7 +8,7 @@ Result<Rig> Rig::make(int width, int height) {
   const double focal = 0.5812 * width;
   auto camera =
       Camera::make(CameraModel::rectified, width, height, {focal, focal, 0.5 * width - 2.3, std::round(0.47 * height)});
-  if (!camera) return tl::unexpected(camera.error());
+  if (!camera) return propagate(camera);
   Rig rig{.camera = *std::move(camera)};
 
   // Optical axes (right, down, forward) in the vehicle's (forward, left, up).
@@ -35,7 +35,7 @@ Result<Rig> Rig::make_unrectified(int width, int height) {
   auto bent =
       Camera::make(CameraModel::plumb_bob, width, height, {straight.fx(), straight.fy(), straight.cx(), straight.cy()},
                    {-0.12, 0.02, 0.0005, -0.0003, 0});
-  if (!bent) return tl::unexpected(bent.error());
+  if (!bent) return propagate(bent);
   rig->camera = *std::move(bent);
   Vector6 left, right;
   left << 0.006, -0.004, 0.008, 0, 0, 0;

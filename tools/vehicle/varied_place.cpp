@@ -80,7 +80,7 @@ Result<void> dump_varied_views(const std::filesystem::path& folder, std::uint64_
   std::error_code error;
   for (const char* name : {"images", "depth"})
     if (std::filesystem::create_directories(folder / name, error); error)
-      return fail("write_failed", (folder / name).string() + " cannot be made: " + error.message());
+      return fail(ErrorCode::write_failed, (folder / name).string() + " cannot be made: " + error.message());
   const NoiseTexture texture(mix(seed, Purpose::noise));
   for (std::size_t i = 0; i < count; ++i) {
     const VariedView view = varied_view(texture, seed, i, width, height);

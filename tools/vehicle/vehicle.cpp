@@ -31,7 +31,7 @@ RigidTransform T_world_vehicle(const Scene& scene, double weave_rad, double t_s)
 Result<Vehicle> simulated_vehicle(const Simulation& simulation) {
   auto rig = simulation.unrectified ? Rig::make_unrectified(simulation.width, simulation.height)
                                     : Rig::make(simulation.width, simulation.height);
-  if (!rig) return tl::unexpected(rig.error());
+  if (!rig) return propagate(rig);
   std::shared_ptr<const WideRenderer> wide;
   if (simulation.camera) {
     rig->camera = *simulation.camera;
@@ -77,10 +77,10 @@ Result<Vehicle> simulated_vehicle(const Simulation& simulation) {
 
 Result<Vehicle> recorded_vehicle(const Recording& recording) {
   if (!recording.has_stereo())
-    return fail("no_right_images", "the recording has no right images, and a vehicle publishes both");
+    return fail(ErrorCode::no_right_images, "the recording has no right images, and a vehicle publishes both");
   const auto frame = [recording](std::size_t index, double, const RigidTransform& motion) -> Result<SeenFrame> {
     auto pair = recording.frame(index % recording.size());
-    if (!pair) return tl::unexpected(pair.error());
+    if (!pair) return propagate(pair);
     move_lidar(pair->scan, motion);
     return SeenFrame{*std::move(pair)};
   };

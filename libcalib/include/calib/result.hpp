@@ -3,13 +3,14 @@
 #include <string>
 #include <tl/expected.hpp>
 
+#include "calib/error_code.hpp"
+
 namespace calib {
 
 /// What went wrong, for a program (`code`) and for a person (`context`).
 struct Error {
-  /// Stable snake_case word, sometimes with a detail after a colon, e.g. `low_overlap`, `malformed:point_step`.
-  /// It is counted, logged and shown as it is, so it never holds text from outside.
-  std::string code;
+  /// Counted, logged and shown by its word, `to_string(code)`.
+  ErrorCode code;
   /// One sentence: the thing, what is wrong with it, and the remedy where there is one.
   /// May quote outside input; escape with `escape_control` before it reaches a terminal.
   std::string context;
@@ -19,9 +20,15 @@ struct Error {
 template <typename T>
 using Result = tl::expected<T, Error>;
 
-/// `return fail("low_overlap", "...");` from a function that returns any `Result`.
-[[nodiscard]] inline tl::unexpected<Error> fail(std::string code, std::string context) {
-  return tl::unexpected<Error>(Error{std::move(code), std::move(context)});
+/// `return fail(ErrorCode::low_overlap, "...");` from a function that returns any `Result`.
+[[nodiscard]] inline tl::unexpected<Error> fail(ErrorCode code, std::string context) {
+  return tl::unexpected<Error>(Error{code, std::move(context)});
+}
+
+/// `if (!image) return propagate(image);` hands the error of a failed result to the caller.
+template <typename T>
+[[nodiscard]] tl::unexpected<Error> propagate(const Result<T>& failed) {
+  return tl::unexpected<Error>(failed.error());
 }
 
 /// `text` with control characters, DEL and invalid UTF-8 replaced by `\xHH`, so that it can be shown on a terminal.
