@@ -114,7 +114,7 @@ Result<std::string> DepthSource::prepare() {
   const auto fails = [this](const Error& error) {
     return tl::unexpected(*(failure_ = Error{ErrorCode::depth_failed, error.context}));
   };
-  auto made = make();
+  auto made = make_ ? make_(pair_) : make();
   if (!made) return fails(made.error());
   estimator_ = std::move(*made);
   auto remark = supervise<std::string>([this] { return estimator_->prepare(); });

@@ -18,7 +18,11 @@ class DepthSource final : public DepthEstimator {
   /// an estimator has gone on for long after it was cancelled, so that the watchdog notices.
   using Breathe = std::function<bool()>;
 
-  DepthSource(const PairConfig& pair, Breathe breathe) : pair_(pair), breathe_(std::move(breathe)) {}
+  /// Makes an estimator in the place of the configured one.
+  using Make = std::function<Result<std::unique_ptr<DepthEstimator>>(const PairConfig&)>;
+
+  DepthSource(const PairConfig& pair, Breathe breathe, Make make = {})
+      : pair_(pair), breathe_(std::move(breathe)), make_(std::move(make)) {}
 
   /// What cameras say of themselves, when the right one is known from that alone.
   void hear_left(const CameraInfo& info);
@@ -44,6 +48,7 @@ class DepthSource final : public DepthEstimator {
 
   const PairConfig& pair_;
   Breathe breathe_;
+  Make make_;
   std::optional<CameraInfo> left_info_, right_info_;
   std::unique_ptr<DepthEstimator> estimator_;
   std::optional<Error> failure_;

@@ -1,7 +1,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <nlohmann/json.hpp>
 
 #include "calib/overlay.hpp"
 #include "doctor.hpp"
@@ -10,7 +9,6 @@
 namespace calib {
 namespace {
 
-using nlohmann::json;
 using std::chrono::steady_clock;
 
 /// A pair is listened to until every topic has brought enough, within these bounds.
@@ -179,25 +177,16 @@ bool is_good(const PairSeen& seen) {
 
 }  // namespace
 
-/// Between two samples, when nothing else uses the sources of depth.
-void Service::see_doctor() {
-  while (!doctor_questions_.empty() && !stopping()) {
-    const Question question = std::move(doctor_questions_.front());
-    doctor_questions_.pop_front();
-    const json asked = question.request.value("pair", json());
-    json reply{{"ok", true}, {"checks", json::array()}, {"overlays", json::array()}};
-    try {
-      for (const auto& watch : watches_)
-        if ((asked.is_null() || asked == watch->config->name) && !stopping()) examine(*watch, reply);
-    } catch (const std::exception& exception) {
-      reply = refusal("failed", exception.what());
-    }
-    question.answer(stopping() ? refusal("failed", "calibd ends") : std::move(reply));
-  }
+/// Between two pairs, when nothing else uses the sources of depth. Of the pair of that name, or of all.
+DiagnosisReport Service::diagnose_pairs(const std::optional<std::string>& name) {
+  DiagnosisReport report;
+  for (const auto& pair : pairs_)
+    if ((!name || *name == pair->config->name) && !stopping()) examine(*pair, report);
+  return report;
 }
 
 /// One pair, from what is on the network to what it means. Changes nothing of the watch.
-void Service::examine(Watch& watch, json& reply) {
+void Service::examine(Pair& watch, DiagnosisReport& report) {
   const PairConfig& config = *watch.config;
   PairSeen seen{.camera = config.camera.camera};
   seen.pair = config.name;
@@ -218,40 +207,40 @@ void Service::examine(Watch& watch, json& reply) {
   auto findings = diagnose(seen);
   if (listened && *listened) {
     const auto file = config_.state_dir / "doctor" / (config.name + ".png");
-    const auto drawn = draw(file, **listened, watch.pair->monitor().T_camera_lidar(), seen.camera, depth ? &*depth : nullptr);
+    const auto drawn = draw(file, **listened, watch.state.T_camera_lidar, seen.camera, depth ? &*depth : nullptr);
     if (drawn)
-      reply["overlays"].push_back({{"pair", config.name}, {"file", file.string()}});
+      report.overlays.push_back({config.name, file.string()});
     else
       findings.push_back({"picture", FindingResult::warning, std::string(to_string(drawn.error().code)),
                           drawn.error().context, "state_dir is full or not writable",
                           "make room, or correct state_dir"});
   }
-  for (const Finding& finding : findings) reply["checks"].push_back(to_json(finding, config.name));
+  for (Finding& finding : findings) report.checks.push_back({config.name, std::move(finding)});
 }
 
 /// Hears the pair's topics, and the CameraInfo beside its image; returns the last samples that belong together.
-Result<std::optional<FramePair>> Service::listen(Watch& watch, PairSeen& seen) {
+Result<std::optional<FramePair>> Service::listen(Pair& watch, PairSeen& seen) {
   PairTopics topics = watch.topics;
   if (!topics.camera_info) topics.camera_info = info_beside(topics.image);
   seen.topics = topics_to_hear(topics, *watch.config);
   for (const TopicSeen& topic : seen.topics) seen.claimed_topics.insert(topic.topic);
-  for (const auto& other : watches_) {  // a cloud may serve several pairs, an image belongs to one place
+  for (const auto& other : pairs_) {  // a cloud may serve several pairs, an image belongs to one place
     seen.claimed_topics.insert(other->topics.image);
     if (other->topics.right_image) seen.claimed_topics.insert(*other->topics.right_image);
   }
-  auto window = bus_.open_window(topics);
+  auto window = network_->open_window(topics);
   if (!window) return propagate(window);
   Ear ear(seen, PairBuffer(config_.sampling.max_time_difference,
                            {.right_image = topics.right_image.has_value(), .depth = topics.depth.has_value()}));
   const auto start = steady_clock::now();
   while (!stopping() && steady_clock::now() < start + longest_listening) {
-    auto samples = window->wait(std::chrono::milliseconds(200));
+    auto samples = (*window)->wait(std::chrono::milliseconds(200));
     if (!samples) return propagate(samples);
-    for (Sample& sample : *samples) ear.hear(sample, now().wall);
+    for (Sample& sample : *samples) ear.hear(sample, surroundings_.clock().wall);
     [[maybe_unused]] const bool on = keep_going();
     seen.listened = steady_clock::now() - start;
     if (seen.listened < shortest_listening) continue;
-    auto writers = bus_.remote_writers();
+    auto writers = network_->remote_writers();
     if (!writers) return propagate(writers);
     seen.writers = std::move(*writers);
     if (ear.heard_enough(seen.listened)) break;
@@ -262,8 +251,8 @@ Result<std::optional<FramePair>> Service::listen(Watch& watch, PairSeen& seen) {
 }
 
 /// Depth as the watch would have it, what the extrinsic makes of it, and where that is not good, other ways to take it.
-std::optional<DepthMap> Service::try_depth(Watch& watch, const FramePair& pair, PairSeen& seen) {
-  const RigidTransform& T_camera_lidar = watch.pair->monitor().T_camera_lidar();
+std::optional<DepthMap> Service::try_depth(Pair& watch, const FramePair& pair, PairSeen& seen) {
+  const RigidTransform& T_camera_lidar = watch.state.T_camera_lidar;
   const auto estimate = [&](const FramePair& of) {
     auto depth = watch.depth->estimate(of);
     if (depth) mask_depth(of.image, watch.config->depth_range, *depth);

@@ -1,5 +1,5 @@
+#include "drift_alert.hpp"
 #include "fuzz/fuzz.hpp"
-#include "ledger.hpp"
 
 namespace calib::fuzz {
 

@@ -42,7 +42,7 @@ namespace calib {
   /* daemon: DDS and service */                                                                                  \
   CODE(bad_interface) CODE(bad_topic) CODE(dds_failed)                                                           \
   CODE(bad_directory) CODE(control_socket) CODE(depth_model_refused) CODE(internal_error) CODE(malformed_alert)  \
-  CODE(malformed_head) CODE(malformed_state) CODE(no_build_id) CODE(not_prepared) CODE(other_vehicle)            \
+  CODE(malformed_head) CODE(malformed_state) CODE(no_build_id) CODE(other_vehicle)                               \
   CODE(recalibration_failed) CODE(signals) CODE(snapshot_failed) CODE(too_few_files)                             \
   /* control protocol: what calibd refuses a request with, see proto/control.md */                               \
   CODE(bad_request) CODE(denied) CODE(failed) CODE(not_found) CODE(not_ready)                                    \
