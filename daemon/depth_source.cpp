@@ -1,6 +1,7 @@
 #include "depth_source.hpp"
 
 #include <fmt/format.h>
+#include <malloc.h>
 
 #include <cmath>
 #include <future>
@@ -149,6 +150,11 @@ Result<T> DepthSource::supervise(const std::function<Result<T>()>& work) {
   }
   thread.join();
   busy_ = false;
+#ifdef __GLIBC__
+  // What loading and running a network leave behind is free, and yet resident: several times the network itself.
+  if (const auto* onnx = std::get_if<OnnxDepthConfig>(&pair_.depth); onnx && !onnx->settings.memory_arena)
+    malloc_trim(0);
+#endif
   if (!cancelled) return result.get();
   estimator_.reset();  // what was cancelled stays so
   if (ending) return fail(ErrorCode::depth_failed, "calibd ends");

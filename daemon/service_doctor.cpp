@@ -255,7 +255,8 @@ std::optional<DepthMap> Service::try_depth(Pair& watch, const FramePair& pair, P
   const RigidTransform& T_camera_lidar = watch.state.T_camera_lidar;
   const auto estimate = [&](const FramePair& of) {
     auto depth = watch.depth->estimate(of);
-    if (depth) mask_depth(of.image, watch.config->depth_range, *depth);
+    if (depth)
+      if (auto masked = mask_depth(of.image, watch.config->depth_range, *depth); !masked) depth = propagate(masked);
     return depth;
   };
   if (auto scene = check_pair(pair, seen.camera, nullptr, {});
