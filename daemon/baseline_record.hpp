@@ -5,9 +5,9 @@
 
 namespace calib {
 
-/// The moments that a record says, of the running sums that the monitor keeps.
+/// Means, deviations and correlations, as a record has them, from the running sums of the drift monitor.
 [[nodiscard]] CalibrationRecord::Baseline recorded(const DriftBaseline& baseline);
-/// What a monitor goes on from that knows nothing but the record: the baseline, and no evidence since.
+/// The state of a drift monitor that knows the record alone: its baseline, and no evidence since.
 [[nodiscard]] DriftState learned_state(const CalibrationRecord::Baseline& recorded);
 
 }  // namespace calib

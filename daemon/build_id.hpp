@@ -6,8 +6,8 @@
 
 namespace calib {
 
-/// The GNU build id of the running program, as lower-case hex: what its linker made of all that it was linked from, the
-/// same in a copy whose debug information was stripped. Fails with `no_build_id` when it was linked without one.
+/// The GNU build id of the running program, lower-case hex: a hash over its linked contents, which stripping debug
+/// information does not change. Fails with `no_build_id` when the program was linked without one.
 [[nodiscard]] Result<std::string> build_id();
 
 }  // namespace calib

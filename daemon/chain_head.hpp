@@ -9,12 +9,12 @@
 
 namespace calib {
 
-/// The last record of a chain, as it is remembered away from the records: a chain cannot show by itself that its last
+/// Number and hash of the last record of a chain, kept in a folder of its own. The chain alone cannot show that its last
 /// records were cut off, or that an older store was put back.
 struct ChainHead {
   std::uint64_t sequence = 0;
   std::string sha256{no_previous_sha256};
-  /// What was found missing, in words, until a record says so.
+  /// A sentence about records that are missing; until a record contains it.
   std::optional<std::string> missing;
 };
 

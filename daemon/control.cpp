@@ -20,8 +20,8 @@ namespace {
 constexpr std::size_t max_request_bytes = 64 * 1024;
 constexpr std::size_t max_connections = 16;
 constexpr std::chrono::seconds request_time{10};
-/// A recalibration takes its time; its asker is waited for.
-constexpr std::chrono::minutes answer_time{10};
+/// A recalibration takes minutes.
+constexpr std::chrono::minutes reply_time{10};
 
 std::string system_error(const std::string& what) { return what + ": " + std::strerror(errno); }
 
@@ -48,7 +48,7 @@ Result<Peer> peer_of(int fd) {
   return Peer{credentials.uid, credentials.pid, may_change};
 }
 
-bool somebody_listens(const sockaddr_un& address) {
+bool is_listening(const sockaddr_un& address) {
   const int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
   const bool connected = fd >= 0 && connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
   if (fd >= 0) close(fd);
@@ -70,7 +70,7 @@ Result<nlohmann::json> parse_request(std::string_view line) {
   return request;
 }
 
-ControlSocket::Answers::~Answers() {
+ControlSocket::Replies::~Replies() {
   if (wake_fd >= 0) close(wake_fd);
 }
 
@@ -81,16 +81,16 @@ Result<ControlSocket> ControlSocket::open(const std::filesystem::path& path) {
     return fail(ErrorCode::control_socket,
                 "the path " + path.string() + " is too long for a socket; choose a shorter runtime_dir");
   std::strcpy(address.sun_path, path.c_str());
-  if (somebody_listens(address))
+  if (is_listening(address))
     return fail(ErrorCode::control_socket, "another calibd listens on " + path.string() + "; stop it first");
   std::error_code ignored;
   std::filesystem::remove(path, ignored);
 
   ControlSocket socket;
-  socket.answers_ = std::make_shared<Answers>();
-  socket.answers_->wake_fd = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
+  socket.replies_ = std::make_shared<Replies>();
+  socket.replies_->wake_fd = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
   socket.listen_fd_ = ::socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-  if (socket.answers_->wake_fd < 0 || socket.listen_fd_ < 0)
+  if (socket.replies_->wake_fd < 0 || socket.listen_fd_ < 0)
     return fail(ErrorCode::control_socket, system_error("socket"));
   // Made without rights for others; the group is the daemon's own.
   const mode_t before = umask(0117);
@@ -107,7 +107,7 @@ ControlSocket::ControlSocket(ControlSocket&& other) noexcept
       path_(std::move(other.path_)),
       next_id_(other.next_id_),
       connections_(std::move(other.connections_)),
-      answers_(std::move(other.answers_)) {
+      replies_(std::move(other.replies_)) {
   other.path_.clear();
 }
 
@@ -136,64 +136,64 @@ void ControlSocket::accept_connection() {
 
 void ControlSocket::drop(std::uint64_t id) {
   const auto found = connections_.find(id);
-  *found->second.left = true;
+  *found->second.gone = true;
   close(found->second.fd);
   connections_.erase(found);
 }
 
-bool ControlSocket::read_request(std::uint64_t id, Connection& connection, const std::function<void(Question)>& ask) {
+bool ControlSocket::read_request(std::uint64_t id, Connection& connection, const std::function<void(ClientRequest)>& handle) {
   char buffer[4096];
   const ssize_t count = read(connection.fd, buffer, sizeof buffer);
   if (count < 0) return errno == EAGAIN || errno == EINTR;
-  // An asker may close its writing side and still read; but one who closes before asking is gone.
-  if (count == 0) return connection.asked;
-  if (connection.asked) return true;  // one question to a connection; the rest is not read into memory
+  // A client may close its writing side and still read; one that closes it before its request is gone.
+  if (count == 0) return connection.requested;
+  if (connection.requested) return true;  // one request to a connection; the rest is not read into memory
   connection.received.append(buffer, static_cast<std::size_t>(count));
   const auto end = connection.received.find('\n');
   if (end == std::string::npos && connection.received.size() <= max_request_bytes) return true;
 
-  connection.asked = true;
-  connection.deadline = std::chrono::steady_clock::now() + answer_time;
-  const auto answer = [answers = answers_, id](const nlohmann::json& reply) {
-    const std::lock_guard lock(answers->mutex);
-    answers->lines[id] = reply.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + '\n';
+  connection.requested = true;
+  connection.deadline = std::chrono::steady_clock::now() + reply_time;
+  const auto reply = [replies = replies_, id](const nlohmann::json& object) {
+    const std::lock_guard lock(replies->mutex);
+    replies->lines[id] = object.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + '\n';
     const std::uint64_t one = 1;
-    [[maybe_unused]] const ssize_t written = write(answers->wake_fd, &one, sizeof one);
+    [[maybe_unused]] const ssize_t written = write(replies->wake_fd, &one, sizeof one);
   };
   auto request = parse_request(std::string_view(connection.received).substr(0, end));
   connection.received.clear();
   if (!request)
-    answer(refusal(to_string(request.error().code), request.error().context));
+    reply(refusal(to_string(request.error().code), request.error().context));
   else
-    ask({*std::move(request), connection.peer, answer, connection.left});
+    handle({*std::move(request), connection.peer, reply, connection.gone});
   return true;
 }
 
-bool ControlSocket::send_answer(Connection& connection) {
+bool ControlSocket::send_reply(Connection& connection) {
   const ssize_t count = send(connection.fd, connection.to_send.data(), connection.to_send.size(), MSG_NOSIGNAL);
   if (count < 0) return errno == EAGAIN || errno == EINTR;
   connection.to_send.erase(0, static_cast<std::size_t>(count));
   return !connection.to_send.empty();
 }
 
-void ControlSocket::collect_answers() {
+void ControlSocket::collect_replies() {
   std::uint64_t ignored = 0;
-  [[maybe_unused]] const ssize_t count = read(answers_->wake_fd, &ignored, sizeof ignored);
-  const std::lock_guard lock(answers_->mutex);
-  for (auto& [id, line] : answers_->lines)
+  [[maybe_unused]] const ssize_t count = read(replies_->wake_fd, &ignored, sizeof ignored);
+  const std::lock_guard lock(replies_->mutex);
+  for (auto& [id, line] : replies_->lines)
     if (const auto found = connections_.find(id); found != connections_.end()) found->second.to_send = std::move(line);
-  answers_->lines.clear();
+  replies_->lines.clear();
 }
 
-bool ControlSocket::serve(std::chrono::milliseconds timeout, int other_fd, const std::function<void(Question)>& ask) {
+bool ControlSocket::serve(std::chrono::milliseconds timeout, int other_fd, const std::function<void(ClientRequest)>& handle) {
   const auto end = std::chrono::steady_clock::now() + timeout;
   for (;;) {
-    std::vector<pollfd> fds{{other_fd, POLLIN, 0}, {listen_fd_, POLLIN, 0}, {answers_->wake_fd, POLLIN, 0}};
+    std::vector<pollfd> fds{{other_fd, POLLIN, 0}, {listen_fd_, POLLIN, 0}, {replies_->wake_fd, POLLIN, 0}};
     std::vector<std::uint64_t> ids;
     auto until = end;
     for (const auto& [id, connection] : connections_) {
-      // A hang-up is always reported; one that waits for its answer is not asked for more.
-      const short events = !connection.to_send.empty() ? POLLOUT : connection.asked ? short{0} : POLLIN;
+      // A hang-up is always reported; nothing more is read from a client that waits for its reply.
+      const short events = !connection.to_send.empty() ? POLLOUT : connection.requested ? short{0} : POLLIN;
       fds.push_back({connection.fd, events, 0});
       ids.push_back(id);
       until = std::min(until, connection.deadline);
@@ -203,14 +203,14 @@ bool ControlSocket::serve(std::chrono::milliseconds timeout, int other_fd, const
       return false;
     if ((fds[0].revents & POLLIN) != 0) return true;
     if ((fds[1].revents & POLLIN) != 0) accept_connection();
-    if ((fds[2].revents & POLLIN) != 0) collect_answers();
+    if ((fds[2].revents & POLLIN) != 0) collect_replies();
     const auto now = std::chrono::steady_clock::now();
     for (std::size_t i = 0; i < ids.size(); ++i) {
       Connection& connection = connections_.at(ids[i]);
       const short events = fds[i + 3].revents;
       bool alive = now < connection.deadline && (events & (POLLHUP | POLLERR | POLLNVAL)) == 0;
-      if (alive && (events & POLLOUT) != 0) alive = send_answer(connection);
-      if (alive && (events & POLLIN) != 0) alive = read_request(ids[i], connection, ask);
+      if (alive && (events & POLLOUT) != 0) alive = send_reply(connection);
+      if (alive && (events & POLLIN) != 0) alive = read_request(ids[i], connection, handle);
       if (!alive) drop(ids[i]);
     }
     if (now >= end) return false;

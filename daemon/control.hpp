@@ -17,27 +17,26 @@
 
 namespace calib {
 
-/// Who is at the other end of the control socket, as the kernel says.
+/// The process at the other end of the control socket, as the kernel names it.
 struct Peer {
   uid_t uid = 0;
   pid_t pid = 0;
-  /// root, the daemon's own user, or a member of its group: may ask for changes. Anyone who can open the socket may
-  /// read.
+  /// root, the daemon's own user, or a member of its group. Anyone who can open the socket may read.
   bool may_change = false;
 };
 
-/// One question to the daemon. `answer` may be called from any thread, once; a question whose asker has left is
-/// answered into the void.
-struct Question {
+/// One request of a client. `reply` may be called from any thread, once; when the client has disconnected, it does
+/// nothing.
+struct ClientRequest {
   nlohmann::json request;
   Peer peer;
-  std::function<void(nlohmann::json)> answer;
-  /// Set once nobody waits for the answer any more.
-  std::shared_ptr<const std::atomic<bool>> asker_left = std::make_shared<const std::atomic<bool>>(false);
+  std::function<void(nlohmann::json)> reply;
+  /// Set when the client disconnects.
+  std::shared_ptr<const std::atomic<bool>> client_gone = std::make_shared<const std::atomic<bool>>(false);
 };
 
 /// The control socket (proto/control.md): one JSON line in, one JSON line out, on a UNIX stream socket. One thread runs
-/// it and never blocks: slow and silent askers cost a file descriptor for ten seconds, at most sixteen at a time.
+/// it and never blocks: a slow or silent client costs a file descriptor for ten seconds, at most sixteen at a time.
 class ControlSocket {
  public:
   /// Replaces a socket that a dead daemon left. Fails with `control_socket` when a live daemon listens there.
@@ -47,7 +46,7 @@ class ControlSocket {
   ~ControlSocket();
 
   /// Serves until `timeout` passed or `other_fd` (-1: none) can be read, and returns whether the latter.
-  bool serve(std::chrono::milliseconds timeout, int other_fd, const std::function<void(Question)>& ask);
+  bool serve(std::chrono::milliseconds timeout, int other_fd, const std::function<void(ClientRequest)>& handle);
 
  private:
   struct Connection {
@@ -55,31 +54,31 @@ class ControlSocket {
     Peer peer;
     std::string received;
     std::string to_send;
-    bool asked = false;
-    std::shared_ptr<std::atomic<bool>> left = std::make_shared<std::atomic<bool>>(false);
+    bool requested = false;
+    std::shared_ptr<std::atomic<bool>> gone = std::make_shared<std::atomic<bool>>(false);
     std::chrono::steady_clock::time_point deadline;
   };
-  /// Answers given by other threads, until the serving thread sends them.
-  struct Answers {
+  /// Replies of other threads, until the serving thread sends them.
+  struct Replies {
     std::mutex mutex;
     std::map<std::uint64_t, std::string> lines;
     int wake_fd = -1;
-    ~Answers();
+    ~Replies();
   };
 
   ControlSocket() = default;
   void accept_connection();
   /// False: the connection is over.
-  [[nodiscard]] bool read_request(std::uint64_t id, Connection& connection, const std::function<void(Question)>& ask);
-  [[nodiscard]] static bool send_answer(Connection& connection);
-  void collect_answers();
+  [[nodiscard]] bool read_request(std::uint64_t id, Connection& connection, const std::function<void(ClientRequest)>& handle);
+  [[nodiscard]] static bool send_reply(Connection& connection);
+  void collect_replies();
   void drop(std::uint64_t id);
 
   int listen_fd_ = -1;
   std::filesystem::path path_;
   std::uint64_t next_id_ = 1;
   std::map<std::uint64_t, Connection> connections_;
-  std::shared_ptr<Answers> answers_;
+  std::shared_ptr<Replies> replies_;
 };
 
 /// One line of the control socket, without its end. Fails with `bad_request`.

@@ -89,7 +89,8 @@ Result<ControlRequest> decode_request(const json& request) {
   if (what == "accept") return AcceptRequest{pair_of(request)};
   if (what == "rollback") {
     const json to = request.value("to", json());
-    if (!to.is_null() && !to.is_number_unsigned()) return fail(ErrorCode::bad_request, "\"to\" is a record's number or null");
+    if (!to.is_null() && !to.is_number_unsigned())
+      return fail(ErrorCode::bad_request, "\"to\" is a record's number or null");
     return RollbackRequest{pair_of(request), to.is_null() ? std::nullopt : std::optional(to.get<std::uint64_t>())};
   }
   return fail(ErrorCode::bad_request, "the requests are status, records, doctor, recalibrate, accept and rollback");

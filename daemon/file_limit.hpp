@@ -4,8 +4,8 @@
 
 namespace calib {
 
-/// Opens as many files as calibd may ever have open at once beside those it was started with, and closes them again:
-/// Cyclone DDS does not survive every way of running out of them. Fails with `too_few_files`.
+/// Checks at the start that calibd may open as many files as it can ever need at once, by opening and closing them:
+/// Cyclone DDS may crash where it runs out of them. Fails with `too_few_files`.
 [[nodiscard]] Result<void> require_open_files();
 
 }  // namespace calib

@@ -24,23 +24,23 @@ struct Provenance {
   std::string boot_id;
 };
 
-/// The signed history of decisions, and what else must survive a restart. Decisions, state and alerts that belong
-/// together are written together: after a crash either all of them happened or none.
+/// The signed history of decisions, and what else must survive a restart. What belongs to one decision (record, state
+/// and alert) is written in one transaction: after a crash either all of it is there or nothing.
 class Ledger {
  public:
-  /// Opens `state_dir`/calibd.db and verifies every record in it. Fails when one does not verify: nothing is to be
-  /// trusted then, and nothing is overwritten. Fails with `other_vehicle` when the records are of another vehicle than
-  /// `provenance`: one chain holds one. `head_dir` is where the chain's head is remembered.
+  /// Opens `state_dir`/calibd.db and verifies every record in it. Fails when a record does not verify, and leaves the
+  /// store as it is. Fails with `other_vehicle` when the records are of another vehicle than `provenance`: a chain holds
+  /// the records of one vehicle. The head of the chain is kept in `head_dir`.
   [[nodiscard]] static Result<Ledger> open(const std::filesystem::path& state_dir,
                                            const std::filesystem::path& head_dir, SigningKey key,
                                            Provenance provenance);
 
-  /// What the records say of a pair; nothing of one that has none yet.
+  /// The records of a pair, by what they are needed for; empty before its first record.
   [[nodiscard]] const PairHistory& history(std::string_view pair) const;
   /// Fails with `record_not_found`, also for a record of another pair.
   [[nodiscard]] Result<CalibrationRecord> find(std::string_view pair, std::uint64_t sequence) const;
-  /// Everything that one event changes. `record` needs only pair, decision, reason, asked_by, the extrinsics and what
-  /// was computed: the rest is filled in.
+  /// What one decision writes beside the state. Of `record` the decision, reason, asked_by, the extrinsics and what was
+  /// computed have to be set; `write` fills in the rest.
   struct Entry {
     std::optional<CalibrationRecord> record;
     std::optional<DriftAlert> alert;
@@ -54,10 +54,10 @@ class Ledger {
   /// Writes the entry and the pair's state in one transaction.
   [[nodiscard]] Result<Written> write(std::string_view pair, const PairState& state, Entry entry, const Moment& now);
 
-  /// What was written last, authenticated, and in keeping with the records: none of them, and none that was there when
-  /// it was written, may be missing. Fails with `malformed_state` otherwise.
+  /// The state that was written last; nothing when there is none. Fails with `malformed_state` when its MAC is wrong, or
+  /// when it belongs to another chain of records, or to the same chain before or after its present end.
   [[nodiscard]] Result<std::optional<PairState>> state(std::string_view pair) const;
-  /// The latest alerts that nobody has taken yet, oldest first, less those that cannot be read.
+  /// The latest alerts that wait for delivery, oldest first, and the errors of those that cannot be read.
   struct Alerts {
     std::vector<DriftAlert> alerts;
     std::vector<Error> unreadable;
@@ -67,9 +67,9 @@ class Ledger {
   [[nodiscard]] std::string key_id() const { return key_.public_key().id_text(); }
   [[nodiscard]] const Provenance& provenance() const { return provenance_; }
 
-  /// Records that had been written and were not in the store when it was opened, in words. The next record says so too.
+  /// A sentence about records that had been written and are missing from the store. The next record contains it, too.
   [[nodiscard]] const std::optional<std::string>& records_missing() const { return records_missing_; }
-  /// Why the chain's head could not be remembered; tried again with each `write`. The records themselves are written.
+  /// Why the head of the chain could not be written; each `write` tries again. The records themselves are written.
   [[nodiscard]] const std::optional<Error>& head_failure() const { return head_failure_; }
 
  private:

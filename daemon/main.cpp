@@ -126,18 +126,18 @@ int serve(calib::Service& service, calib::ControlSocket& control, int signal_fd)
   show();
   sd_notifyf(0, "READY=1\nMAINPID=%d", static_cast<int>(getpid()));
   spdlog::info("calibd {} watches", calib::version);
-  const auto ask = [&](calib::Question question) {
-    const auto reply = [answer = question.answer](const calib::ControlReply& made) { answer(encode_reply(made)); };
+  const auto handle = [&](calib::ClientRequest client) {
+    const auto reply = [send = client.reply](const calib::ControlReply& made) { send(encode_reply(made)); };
     try {
-      if (auto request = calib::decode_request(question.request))
-        service.ask({std::move(*request), question.peer, reply, question.asker_left});
+      if (auto request = calib::decode_request(client.request))
+        service.ask({std::move(*request), client.peer, reply, client.client_gone});
       else
         reply(request.error());
     } catch (const std::exception& exception) {
       reply(calib::Error{ErrorCode::failed, exception.what()});
     }
   };
-  while (!ended && !control.serve(200ms, signal_fd, ask)) show();
+  while (!ended && !control.serve(200ms, signal_fd, handle)) show();
   sd_notify(0, "STOPPING=1");
   service.stop();
   const auto patience = std::chrono::steady_clock::now() + 1s;

@@ -31,12 +31,18 @@ std::string_view message_id(const PairState& state) {
     case Verdict::not_evaluated:
       break;
   }
-  return state.reason.starts_with("sensor_silent") ? message_ids::sensor_silent : message_ids::not_evaluated;
+  return state.cause == ErrorCode::sensor_silent ? message_ids::sensor_silent : message_ids::not_evaluated;
 }
 
 std::string in_words(const Probation& probation) {
   return fmt::format("over {} pairs the score is {:.4f} +/- {:.4f} {} that of the extrinsic before", probation.pairs,
                      std::abs(probation.gain), probation.standard_error(), probation.gain < 0 ? "below" : "above");
+}
+
+/// Why evidence carries no verdict; nothing when it carries one.
+std::optional<ErrorCode> cause(DriftVerdict verdict) {
+  if (shown(verdict) != Verdict::not_evaluated) return std::nullopt;
+  return verdict == DriftVerdict::insufficient_power ? ErrorCode::insufficient_power : ErrorCode::learning;
 }
 
 void count_cycle(PairRun& run, std::chrono::nanoseconds now) {
@@ -60,9 +66,9 @@ PairDecision PairPipeline::decide(const PairState& state, Measurement measuremen
     after.probation->add(measurement.stencil.current -
                          score(measurement.features, now.history.in_force()->T_camera_lidar_before, objective).value);
   AxisEvidence evidence = axis_evidence(measurement.stencil, measurement.features.stamp);
-  evidence.response = measurement.response;
+  evidence.sensitivity = measurement.sensitivity;
   DriftMonitor monitor(settings_.drift, std::move(after.drift));
-  monitor.observe(evidence);
+  if (const auto observed = monitor.observe(evidence); !observed) return decide(state, Skip{observed.error()}, now);
   after.drift = monitor.state();
   after.last_evaluated = now.time.wall;
   ++after.evaluated;
@@ -83,9 +89,8 @@ PairDecision PairPipeline::decide(const PairState& state, Measurement measuremen
 PairDecision PairPipeline::decide(const PairState& state, const Skip& skip, const Now& now) const {
   PairState after = state;
   after.run.windows_without_evidence += skip.windows;
-  const std::string code(to_string(skip.error.code));
-  after.run.last_skip = code + ": " + escape_control(skip.error.context);
-  if (!counted_on_arrival(skip.error.code)) ++after.skipped[code];
+  after.run.last_skip = Error{skip.error.code, escape_control(skip.error.context)};
+  if (!counted_on_arrival(skip.error.code)) ++after.skipped[std::string(to_string(skip.error.code))];
   return conclude(state, std::move(after), now);
 }
 
@@ -121,31 +126,27 @@ PairDecision PairPipeline::conclude(const PairState& before, PairState after, co
 /// The verdict that the evidence calls for.
 void PairPipeline::conclude_verdict(PairState& after, const Now& now) const {
   if (after.run.windows_without_evidence >= windows_to_stale) {
-    after.verdict = Verdict::not_evaluated;
-    after.reason = after.run.last_skip;
+    const Error& skip = *after.run.last_skip;
+    after.set({Verdict::not_evaluated, skip.code, fmt::format("{}: {}", to_string(skip.code), skip.context)});
     // Silence heals nothing.
     if (const Verdict last = shown(after.drift.verdict); last == Verdict::drifted || last == Verdict::suspect)
-      after.reason += "; it was " + std::string(to_string(last)) + " when last evaluated";
+      after.reason += fmt::format("; it was {} when last evaluated", to_string(last));
   } else if (after.run.windows_without_evidence == 0) {
-    after.verdict = shown(after.drift.verdict);
-    after.reason = DriftMonitor(settings_.drift, after.drift).reason();
+    after.set({shown(after.drift.verdict), cause(after.drift.verdict),
+               DriftMonitor(settings_.drift, after.drift).reason()});
     if (after.verdict == Verdict::drifted)
       after.reason += "; pairs for recalibration: " + progress(after) + next_try(after, now);
     if (after.probation)
       after.reason += fmt::format("; the extrinsic of record {} is on probation", now.history.in_force()->sequence);
   }
   if (after.unresolved && after.verdict == Verdict::calibrated) {
-    after.verdict = Verdict::not_evaluated;
-    after.reason = fmt::format(
-        "unresolved: {}, and what was learned since may be of an extrinsic that is wrong; recalibrate, or confirm it with "
-        "`calibctl rollback {} --to {}`",
-        *after.unresolved, settings_.pair, now.history.in_force()->sequence);
+    after.set({Verdict::not_evaluated, ErrorCode::unresolved,
+               fmt::format("unresolved: {}, and what was learned since may be of an extrinsic that is wrong; recalibrate, "
+                           "or confirm it with `calibctl rollback {} --to {}`",
+                           *after.unresolved, settings_.pair, now.history.in_force()->sequence)});
   }
   // The state itself is about to be written.
-  Claim said = claim({after.verdict, std::move(after.reason)}, grounds(after, now.not_written),
-                     {now.boot_id, now.time.since_boot});
-  after.verdict = said.verdict;
-  after.reason = std::move(said.reason);
+  after.set(claim(after.claimed(), grounds(after, now.not_written), {now.boot_id, now.time.since_boot}));
 }
 
 /// The record to sign once the baseline is known, and again once nothing is added to it any more.
@@ -204,8 +205,9 @@ PairStatus PairPipeline::status(const PairState& state, const std::optional<Erro
   PairStatus status;
   status.name = settings_.pair;
   status.grounds = grounds(state, store_failure ? store_failure->context : now.not_written);
-  Claim said = claim({state.verdict, state.reason}, status.grounds, {now.boot_id, now.time.since_boot});
+  Claim said = claim(state.claimed(), status.grounds, {now.boot_id, now.time.since_boot});
   status.verdict = said.verdict;
+  status.cause = said.cause;
   status.reason = std::move(said.reason);
   status.since = state.since;
   status.last_evaluated = state.last_evaluated;
@@ -216,8 +218,8 @@ PairStatus PairPipeline::status(const PairState& state, const std::optional<Erro
   if (const auto estimate = monitor.misalignment())
     status.misalignment = PairStatus::Misalignment{estimate->delta, estimate->sigma()};
   if (monitor.learned()) {
-    status.noticeable.emplace();
-    for (int axis = 0; axis < 6; ++axis) (*status.noticeable)[axis] = monitor.noticeable_shift(axis);
+    status.detection_limit.emplace();
+    for (int axis = 0; axis < 6; ++axis) (*status.detection_limit)[axis] = monitor.detection_limit(axis);
   }
   status.T_camera_lidar = state.T_camera_lidar;
   return status;

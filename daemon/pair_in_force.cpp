@@ -17,8 +17,8 @@ PairDecision PairPipeline::put_in_force(CalibrationRecord record, const PairStat
   after.drift = baseline != nullptr && baseline->evidence_sha256 == settings_.evidence_sha256
                     ? learned_state(*baseline->baseline)
                     : DriftState{};
-  after.verdict = Verdict::not_evaluated;
-  after.reason = fmt::format("no pair was evaluated yet at the extrinsic of record {}", now.next_sequence);
+  after.set({Verdict::not_evaluated, ErrorCode::no_pair_yet,
+             fmt::format("no pair was evaluated yet at the extrinsic of record {}", now.next_sequence)});
   after.score.reset();
   after.proposed_record.reset();
   after.unresolved.reset();
@@ -70,10 +70,10 @@ PairDecision PairPipeline::decide(const PairState& state, const RollBack& reques
   }
   const CalibrationRecord& target = *request.target;
   if (!puts_in_force(target.decision)) {
-    decision.answer =
-        fail(ErrorCode::bad_request, fmt::format("record {} put nothing in force, it is {}; name an initial, accepted or "
-                                        "rolled_back one",
-                                        target.sequence, to_string(target.decision)));
+    decision.answer = fail(ErrorCode::bad_request,
+                           fmt::format("record {} put nothing in force, it is {}; name an initial, accepted or "
+                                       "rolled_back one",
+                                       target.sequence, to_string(target.decision)));
     return decision;
   }
   CalibrationRecord record = new_record(Decision::rolled_back, state, request.asked_by,

@@ -28,14 +28,14 @@ PairSettings pair_settings(const Config& config, const PairConfig& pair, std::st
   settings.drift.baseline_pairs = pair.drift.baseline_pairs;
   settings.drift.max_baseline_pairs = std::max(settings.drift.max_baseline_pairs, pair.drift.baseline_pairs);
   settings.drift.false_alarms_per_pair = false_alarms_per_pair(config, pair.drift);
-  settings.drift.must_notice_rotation_rad = pair.drift.must_notice_rad;
+  settings.drift.must_detect_rotation_rad = pair.drift.must_detect_rad;
   return settings;
 }
 
 Verdict shown(DriftVerdict verdict) {
   switch (verdict) {
     case DriftVerdict::learning:
-    case DriftVerdict::blind:
+    case DriftVerdict::insufficient_power:
       return Verdict::not_evaluated;
     case DriftVerdict::calibrated:
       return Verdict::calibrated;
@@ -56,7 +56,7 @@ Result<Measurement> PairPipeline::measure(const FramePair& pair, const PairState
   // Depth of the image, where it can be believed.
   auto depth_map = depth.estimate(pair);
   if (!depth_map) return propagate(depth_map);
-  mask_depth(pair.image, settings_.quality.depth_range, *depth_map);
+  if (auto masked = mask_depth(pair.image, settings_.quality.depth_range, *depth_map); !masked) return propagate(masked);
   if (auto usable = check_depth(*depth_map, settings_.quality); !usable) return propagate(usable);
 
   // Ranks of depth and of range, of the points that can come into view.
@@ -70,8 +70,8 @@ Result<Measurement> PairPipeline::measure(const FramePair& pair, const PairState
 
   Measurement measurement{.features = std::move(*features), .stencil = stencil, .scene = thumbnail(pair.image)};
   // How the stencil answers to a LiDAR that moves: a part of the baseline.
-  if (DriftMonitor(settings_.drift, state.drift).wants_response())
-    measurement.response = evaluate_response(measurement.features, state.T_camera_lidar, {}, objective);
+  if (DriftMonitor(settings_.drift, state.drift).wants_sensitivity())
+    measurement.sensitivity = evaluate_sensitivity(measurement.features, state.T_camera_lidar, {}, objective);
   return measurement;
 }
 
@@ -106,10 +106,9 @@ Result<RestoredPair> PairPipeline::restore(const Result<std::optional<PairState>
   }
   // Nothing is claimed before this process has evidence of its own; what was claimed before is said with the reason.
   PairState& after = decision.state.emplace(state);
-  const Claim claimed = claim({state.verdict, state.reason}, std::nullopt, {now.boot_id, now.time.since_boot});
-  after.verdict = claimed.verdict;
-  after.reason = claimed.reason;
+  after.set(claim(state.claimed(), std::nullopt, {now.boot_id, now.time.since_boot}));
   if (!set_aside.empty()) {
+    after.cause = ErrorCode::starting;
     after.reason = "starting: earlier evidence is set aside: " + set_aside;
     if (state.verdict != after.verdict)
       after.reason += fmt::format("; it was {} when last evaluated", to_string(state.verdict));

@@ -14,7 +14,7 @@ constexpr int most_doublings = 8;
 
 /// What the evidence of drift says; nothing where there is none, or none but that the extrinsic was wrong from the start.
 std::optional<Expectation> expectation(const DriftMonitor& monitor) {
-  const auto onset = monitor.first_sign();
+  const auto onset = monitor.onset();
   const auto estimate = monitor.misalignment();
   if (!onset || *onset == Timestamp::min() || !estimate) return std::nullopt;
   Expectation expected{.delta = estimate->delta, .covariance = estimate->covariance};
@@ -23,13 +23,13 @@ std::optional<Expectation> expectation(const DriftMonitor& monitor) {
 }
 
 /// Of the extrinsic in force; nothing while its baseline is learned.
-std::optional<NormalScore> normal_score(const DriftMonitor& monitor, bool monocular_depth) {
+std::optional<BaselineScore> normal_score(const DriftMonitor& monitor, bool monocular_depth) {
   if (!monitor.learned()) return std::nullopt;
   const DriftBaseline& baseline = monitor.state().baseline;
-  return NormalScore{.objective = drift_objective(monocular_depth),
-                     .mean = baseline.score,
-                     .deviation = std::sqrt(baseline.score_squares / (baseline.pairs - 1)),
-                     .pairs = baseline.pairs};
+  return BaselineScore{.objective = drift_objective(monocular_depth),
+                       .mean = baseline.score,
+                       .deviation = std::sqrt(baseline.score_squares / (baseline.pairs - 1)),
+                       .pairs = baseline.pairs};
 }
 
 }  // namespace
@@ -40,7 +40,7 @@ std::size_t PairPipeline::wanted_frames() const {
 
 /// Those from after the onset of drift; all when there is none.
 std::vector<const FeatureSet*> PairPipeline::eligible_frames(const PairState& state) const {
-  const Timestamp from = DriftMonitor(settings_.drift, state.drift).first_sign().value_or(Timestamp::min());
+  const Timestamp from = DriftMonitor(settings_.drift, state.drift).onset().value_or(Timestamp::min());
   std::vector<const FeatureSet*> frames;
   for (const auto& features : state.run.frames)
     if (features->stamp >= from) frames.push_back(features.get());
@@ -81,12 +81,12 @@ void PairPipeline::count_refusal(PairState& state) const {
 RecalibrationSettings PairPipeline::recalibration_settings(const PairState& state) const {
   const DriftMonitor monitor(settings_.drift, state.drift);
   RecalibrationSettings settings{.bounds = settings_.bounds, .translation = !settings_.monocular_depth};
-  if (!monitor.first_sign()) {
+  if (!monitor.onset()) {
     settings.min_change_rotation_rad = settings_.drift.max_bias_rotation_rad;
     settings.min_change_translation_m = settings_.drift.max_bias_translation_m;
   }
   settings.expected = expectation(monitor);
-  settings.normal = normal_score(monitor, settings_.monocular_depth);
+  settings.baseline_score = normal_score(monitor, settings_.monocular_depth);
   return settings;
 }
 
@@ -96,7 +96,8 @@ Result<PairPipeline::Search> PairPipeline::search(const PairState& state,
                                                   const std::function<bool()>& keep_going) const try {
   const auto frames = eligible_frames(state);
   if (frames.size() < wanted_frames())
-    return fail(ErrorCode::not_ready, "only " + progress(state) + " good pairs are at hand; try again when there are more");
+    return fail(ErrorCode::not_ready,
+                "only " + progress(state) + " good pairs are at hand; try again when there are more");
   std::vector<const FeatureSet*> fit, held_back;
   Search search;
   for (std::size_t i = 0; i < frames.size(); ++i) {
@@ -121,7 +122,8 @@ PairDecision PairPipeline::decide(const PairState& state, const Recalibrate& req
       decision.state = state;
       ++decision.state->skipped[std::string(to_string(found.error().code))];
     }
-    decision.answer = fail(found.error().code == ErrorCode::not_ready ? ErrorCode::not_ready : ErrorCode::failed, found.error().context);
+    decision.answer = fail(found.error().code == ErrorCode::not_ready ? ErrorCode::not_ready : ErrorCode::failed,
+                           found.error().context);
     return decision;
   }
   const Recalibration& result = found->result;

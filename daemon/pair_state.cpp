@@ -42,23 +42,31 @@ json evidence_json(const AxisEvidence& evidence) {
   return {{"stamp_ns", evidence.stamp.count()},
           {"slope", numbers(evidence.slope)},
           {"score", evidence.score},
-          {"peak", evidence.peak},
-          {"response", optional(evidence.response, [](const Matrix6& m) { return numbers(m.reshaped()); })}};
+          {"peak", evidence.prominence},
+          {"response", optional(evidence.sensitivity, [](const Matrix6& m) { return numbers(m.reshaped()); })}};
 }
 
 AxisEvidence evidence_from(const json& in) {
   AxisEvidence evidence{.stamp = Timestamp(integer_from<std::int64_t>(in.at("stamp_ns"))),
                         .slope = vector6(in.at("slope")),
                         .score = in.at("score").get<double>(),
-                        .peak = in.at("peak").get<double>()};
-  if (!in.at("response").is_null()) evidence.response = matrix6(in.at("response"));
+                        .prominence = in.at("peak").get<double>()};
+  if (!in.at("response").is_null()) evidence.sensitivity = matrix6(in.at("response"));
   return evidence;
 }
 
-json chart_json(const DriftState::Chart& chart) { return {{"sum", chart.sum}, {"since_ns", chart.since.count()}}; }
+json chart_json(const Cusum& chart) { return {{"sum", chart.sum}, {"since_ns", chart.onset.count()}}; }
 
-DriftState::Chart chart_from(const json& in) {
+Cusum chart_from(const json& in) {
   return {in.at("sum").get<double>(), Timestamp(integer_from<std::int64_t>(in.at("since_ns")))};
+}
+
+/// Calls `visit` with each chart of a state, in the order in which they are written.
+template <typename State, typename Visit>
+void for_each_chart(State& drift, Visit visit) {
+  for (auto& [positive, negative] : drift.charts)
+    for (auto* charts : {&positive, &negative}) visit(charts->rapid), visit(charts->sensitive);
+  visit(drift.loss_charts.rapid), visit(drift.loss_charts.sensitive);
 }
 
 json baseline_json(const DriftBaseline& baseline) {
@@ -66,13 +74,13 @@ json baseline_json(const DriftBaseline& baseline) {
           {"slope", numbers(baseline.slope)},
           {"slope_products", numbers(baseline.slope_products.reshaped())},
           {"latest_slope", numbers(baseline.latest_slope)},
-          {"lagged_products", numbers(baseline.lagged_products)},
-          {"response", numbers(baseline.response.reshaped())},
-          {"response_squares", numbers(baseline.response_squares)},
-          {"peak", baseline.peak},
-          {"peak_squares", baseline.peak_squares},
-          {"latest_peak", baseline.latest_peak},
-          {"lagged_peaks", baseline.lagged_peaks},
+          {"lagged_products", numbers(baseline.lag1_products)},
+          {"response", numbers(baseline.sensitivity.reshaped())},
+          {"response_squares", numbers(baseline.sensitivity_squares)},
+          {"peak", baseline.prominence},
+          {"peak_squares", baseline.prominence_squares},
+          {"latest_peak", baseline.latest_prominence},
+          {"lagged_peaks", baseline.lag1_prominences},
           {"score", baseline.score},
           {"score_squares", baseline.score_squares}};
 }
@@ -82,13 +90,13 @@ DriftBaseline baseline_from(const json& in) {
                                .slope = vector6(in.at("slope")),
                                .slope_products = matrix6(in.at("slope_products")),
                                .latest_slope = vector6(in.at("latest_slope")),
-                               .lagged_products = vector6(in.at("lagged_products")),
-                               .response = matrix6(in.at("response")),
-                               .response_squares = vector6(in.at("response_squares")),
-                               .peak = in.at("peak").get<double>(),
-                               .peak_squares = in.at("peak_squares").get<double>(),
-                               .latest_peak = in.at("latest_peak").get<double>(),
-                               .lagged_peaks = in.at("lagged_peaks").get<double>(),
+                               .lag1_products = vector6(in.at("lagged_products")),
+                               .sensitivity = matrix6(in.at("response")),
+                               .sensitivity_squares = vector6(in.at("response_squares")),
+                               .prominence = in.at("peak").get<double>(),
+                               .prominence_squares = in.at("peak_squares").get<double>(),
+                               .latest_prominence = in.at("latest_peak").get<double>(),
+                               .lag1_prominences = in.at("lagged_peaks").get<double>(),
                                .score = in.at("score").get<double>(),
                                .score_squares = in.at("score_squares").get<double>()};
   if (baseline.pairs < 0) throw std::invalid_argument("baseline pairs");
@@ -98,10 +106,7 @@ DriftBaseline baseline_from(const json& in) {
 json drift_json(const DriftState& drift) {
   json recent = json::array(), charts = json::array();
   for (const AxisEvidence& evidence : drift.recent) recent.push_back(evidence_json(evidence));
-  for (const auto& axis : drift.charts)
-    for (const auto& side : axis)
-      for (const DriftState::Chart& chart : side) charts.push_back(chart_json(chart));
-  for (const DriftState::Chart& chart : drift.peak_charts) charts.push_back(chart_json(chart));
+  for_each_chart(drift, [&](const Cusum& chart) { charts.push_back(chart_json(chart)); });
   return {{"recent", recent},
           {"baseline", baseline_json(drift.baseline)},
           {"charts", charts},
@@ -113,10 +118,7 @@ DriftState drift_from(const json& in) {
   for (const json& evidence : in.at("recent")) drift.recent.push_back(evidence_from(evidence));
   drift.baseline = baseline_from(in.at("baseline"));
   std::size_t next = 0;
-  for (auto& axis : drift.charts)
-    for (auto& side : axis)
-      for (DriftState::Chart& chart : side) chart = chart_from(in.at("charts").at(next++));
-  for (DriftState::Chart& chart : drift.peak_charts) chart = chart_from(in.at("charts").at(next++));
+  for_each_chart(drift, [&](Cusum& chart) { chart = chart_from(in.at("charts").at(next++)); });
   drift.verdict = drift_verdict(integer_from<int>(in.at("verdict")));
   return drift;
 }
@@ -167,11 +169,12 @@ bool Probation::exceeds(double sigmas) const {
 }
 
 std::string to_text(const PairState& state) {
-  return json{{"schema", 3},
+  return json{{"schema", 4},
               {"drift", drift_json(state.drift)},
               {"evidence_sha256", state.evidence_sha256},
               {"unresolved", optional(state.unresolved, [](const std::string& why) { return json(why); })},
               {"verdict", to_string(state.verdict)},
+              {"cause", optional(state.cause, [](ErrorCode cause) { return json(to_string(cause)); })},
               {"reason", state.reason},
               {"since_ns", state.since.count()},
               {"last_evaluated_ns", optional(state.last_evaluated, time_json)},
@@ -190,7 +193,7 @@ std::string to_text(const PairState& state) {
 Result<PairState> parse_pair_state(std::string_view text) {
   try {
     const json in = json::parse(text);
-    if (in.at("schema") != 3) return fail(ErrorCode::malformed_state, "the saved state is of another version");
+    if (in.at("schema") != 4) return fail(ErrorCode::malformed_state, "the saved state is of another version");
     PairState state;
     state.drift = drift_from(in.at("drift"));
     state.evidence_sha256 = in.at("evidence_sha256").get<std::string>();
@@ -198,6 +201,10 @@ Result<PairState> parse_pair_state(std::string_view text) {
     const auto verdict = parse_verdict(in.at("verdict").get<std::string>());
     if (!verdict) return fail(ErrorCode::malformed_state, "the saved state cannot be read: " + verdict.error().context);
     state.verdict = *verdict;
+    state.cause.reset();
+    if (!in.at("cause").is_null()) state.cause = parse_error_code(in.at("cause").get<std::string>());
+    if ((state.verdict == Verdict::not_evaluated) != state.cause.has_value())
+      return fail(ErrorCode::malformed_state, "the saved state has a cause that does not belong to its verdict");
     state.reason = in.at("reason").get<std::string>();
     state.since = WallTime(integer_from<std::int64_t>(in.at("since_ns")));
     state.last_evaluated = time_from(in.at("last_evaluated_ns"));

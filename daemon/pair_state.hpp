@@ -38,7 +38,7 @@ struct PairRun {
   std::optional<SceneThumbnail> last_scene;
   /// Windows in turn without evidence, and why the last of them had none.
   int windows_without_evidence = 0;
-  std::string last_skip;
+  std::optional<Error> last_skip;
   /// When the last window ended (time since boot), and how long the last two cycles took, the latest first.
   std::optional<std::chrono::nanoseconds> last_window;
   std::array<std::chrono::nanoseconds, 2> cycles{};
@@ -50,6 +50,7 @@ struct PairState {
   /// Digest of what `drift` was measured with; empty while there is none.
   std::string evidence_sha256;
   Verdict verdict = Verdict::not_evaluated;
+  std::optional<ErrorCode> cause = ErrorCode::no_pair_yet;  // as of `Claim`
   std::string reason = "no pair was evaluated yet";
   /// Why the extrinsic in force must not be called calibrated whatever is learned at it; nothing when it may. Ends when an
   /// extrinsic is put in force.
@@ -70,6 +71,13 @@ struct PairState {
   int refusals = 0;
   std::uint64_t retry_at = 0;
   std::optional<WallTime> recalibrated;
+
+  [[nodiscard]] Claim claimed() const { return {verdict, cause, reason}; }
+  void set(Claim claim) {
+    verdict = claim.verdict;
+    cause = claim.cause;
+    reason = std::move(claim.reason);
+  }
 
   /// The extrinsic in force, as its record has it.
   RigidTransform T_camera_lidar = RigidTransform::Identity();

@@ -164,7 +164,8 @@ Result<Answer> Service::roll_back(std::size_t index, std::optional<std::uint64_t
   if (to) {
     auto target = ledger_.find(name, *to);
     if (!target)
-      return fail(target.error().code == ErrorCode::record_not_found ? ErrorCode::not_found : ErrorCode::failed, target.error().context);
+      return fail(target.error().code == ErrorCode::record_not_found ? ErrorCode::not_found : ErrorCode::failed,
+                  target.error().context);
     request.target = std::move(*target);
   }
   return apply_request(pair, pair.pipeline.decide(pair.state, request, now(pair)));
@@ -227,7 +228,7 @@ void Service::ask(PendingRequest request) {
   if (only_shows) return request.reply(answer(request));
   const std::lock_guard lock(mutex_);
   if (requests_.size() >= most_requests)
-    std::erase_if(requests_, [](const PendingRequest& waiting) { return waiting.asker_left->load(); });
+    std::erase_if(requests_, [](const PendingRequest& waiting) { return waiting.client_gone->load(); });
   if (requests_.size() >= most_requests) {
     request.reply(Error{ErrorCode::failed, "too many requests wait; ask later"});
     return;

@@ -34,8 +34,8 @@ struct PendingRequest {
   ControlRequest request;
   Peer peer;
   std::function<void(ControlReply)> reply;
-  /// Set once nobody waits for the reply any more.
-  std::shared_ptr<const std::atomic<bool>> asker_left = std::make_shared<const std::atomic<bool>>(false);
+  /// Set when the client has disconnected.
+  std::shared_ptr<const std::atomic<bool>> client_gone = std::make_shared<const std::atomic<bool>>(false);
 };
 
 /// Samples each pair, has the pipeline measure and decide, and makes what it decides happen, in one order: the ledger's

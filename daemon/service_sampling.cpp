@@ -14,7 +14,7 @@ using namespace std::chrono_literals;
 std::optional<Error> contradiction(const CameraInfo& info, const Camera& camera) {
   if (info.width != camera.width() || info.height != camera.height())
     return Error{ErrorCode::camera_info_mismatch, "CameraInfo is for " + std::to_string(info.width) + " x " +
-                                             std::to_string(info.height) + " pixels; correct camera.size"};
+                                                      std::to_string(info.height) + " pixels; correct camera.size"};
   const bool rectified = camera.model() == CameraModel::rectified;
   const std::array<double, 4> theirs = rectified ? std::array{info.P[0], info.P[5], info.P[2], info.P[6]}
                                                  : std::array{info.K[0], info.K[4], info.K[2], info.K[5]};
@@ -22,7 +22,7 @@ std::optional<Error> contradiction(const CameraInfo& info, const Camera& camera)
   for (std::size_t i = 0; i < ours.size(); ++i)
     if (std::abs(theirs[i] - ours[i]) > 0.5)
       return Error{ErrorCode::camera_info_mismatch, std::string("CameraInfo's ") + (rectified ? "P" : "K") +
-                                               " differs from camera.intrinsics; correct the configuration"};
+                                                        " differs from camera.intrinsics; correct the configuration"};
   return std::nullopt;
 }
 
@@ -48,8 +48,9 @@ std::variant<Measurement, Skip> Service::measure(Pair& pair) try {
   pair.time_difference = samples->time_difference();
   return std::move(*measurement);
 } catch (const std::bad_alloc&) {
-  ++pair.state.skipped["out_of_memory"];
-  return Skip{{ErrorCode::out_of_memory, "there was no memory for a pair; give calibd more (MemoryMax=), or smaller samples"}};
+  ++pair.state.skipped[std::string(to_string(ErrorCode::out_of_memory))];
+  return Skip{
+      {ErrorCode::out_of_memory, "there was no memory for a pair; give calibd more (MemoryMax=), or smaller samples"}};
 } catch (const std::exception& exception) {
   return Skip{{ErrorCode::internal_error, std::string("a pair could not be evaluated: ") + exception.what()}};
 }
@@ -62,7 +63,8 @@ std::optional<Skip> Service::prepare(Pair& pair) {
     if (!remark->empty()) surroundings_.log(5, message_ids::depth_prepared, name + ": " + *remark);
     return std::nullopt;
   }
-  const std::string failure = std::string(to_string(remark.error().code)) + ": " + escape_control(remark.error().context);
+  const std::string failure =
+      std::string(to_string(remark.error().code)) + ": " + escape_control(remark.error().context);
   if (!stopping() && pair.depth_failure != failure) {
     pair.depth_failure = failure;
     surroundings_.log(3, message_ids::depth_failed, name + ": " + failure + "; this pair is not evaluated");
@@ -88,7 +90,8 @@ Result<FramePair> Service::collect(Pair& pair) {
       if (auto error = receive(pair, std::move(sample), buffer)) refused = std::move(error);
     while (auto frames = pair.depth->has_cameras() ? buffer.take() : std::nullopt) {
       if (frames->image.stamp == pair.state.last_stamp) {
-        refused = Error{ErrorCode::duplicate_frame, "the image has the stamp of the last one; does the camera stand still?"};
+        refused =
+            Error{ErrorCode::duplicate_frame, "the image has the stamp of the last one; does the camera stand still?"};
         continue;
       }
       if (refused && refused->code == ErrorCode::camera_info_mismatch) return tl::unexpected(*refused);

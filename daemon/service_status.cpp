@@ -79,7 +79,8 @@ Result<RecordsPage> Service::records(std::uint64_t from) const {
   std::size_t bytes = 0;
   for (auto sequence = from; sequence <= *stored && bytes < most_bytes; ++sequence) {
     auto record = store->record(sequence);
-    if (!record && record.error().code != ErrorCode::record_not_found) return fail(ErrorCode::failed, record.error().context);
+    if (!record && record.error().code != ErrorCode::record_not_found)
+      return fail(ErrorCode::failed, record.error().context);
     page.records.push_back(record ? std::move(*record) : SignedRecord{});
     bytes += page.records.back().canonical.size() + page.records.back().signature.size();
   }

@@ -14,17 +14,23 @@ std::string seconds(std::chrono::nanoseconds duration) {
 }
 
 /// Why the grounds carry no verdict of this kind; nothing when they do.
-std::optional<std::string> objection(Verdict verdict, const Grounds& grounds, const BootTime& now) {
-  if (grounds.not_written) return "store_failed: " + *grounds.not_written;
-  if (grounds.taken.boot_id != now.boot_id) return "stale: the last evidence is from before the machine was started";
+std::optional<Error> objection(Verdict verdict, const Grounds& grounds, const BootTime& now) {
+  if (grounds.not_written) return Error{ErrorCode::store_failed, *grounds.not_written};
+  if (grounds.taken.boot_id != now.boot_id)
+    return Error{ErrorCode::stale, "the last evidence is from before the machine was started"};
   const auto age = now.since_boot - grounds.taken.since_boot;
   if (age < age.zero() || age > grounds.lifetime)
-    return "stale: the last evidence is older than the " + seconds(grounds.lifetime) + " that it counts for";
+    return Error{ErrorCode::stale,
+                 "the last evidence is older than the " + seconds(grounds.lifetime) + " that it counts for"};
   const std::uint64_t needed = verdict == Verdict::calibrated ? least_pairs_to_confirm : 1;
   if (grounds.pairs < needed)
-    return "starting: " + std::to_string(grounds.pairs) + " of " + std::to_string(needed) +
-           " pairs evaluated since calibd started";
+    return Error{ErrorCode::starting, std::to_string(grounds.pairs) + " of " + std::to_string(needed) +
+                                          " pairs evaluated since calibd started"};
   return std::nullopt;
+}
+
+Claim not_evaluated(const Error& why, const std::string& more = "") {
+  return {Verdict::not_evaluated, why.code, std::string(to_string(why.code)) + ": " + why.context + more};
 }
 
 }  // namespace
@@ -51,15 +57,13 @@ Result<Verdict> parse_verdict(std::string_view text) {
 
 Claim claim(const Claim& by_evidence, const std::optional<Grounds>& grounds, const BootTime& now) {
   if (by_evidence.verdict == Verdict::not_evaluated) {
-    constexpr std::string_view store_failed = "store_failed: ";
-    if (!grounds || !grounds->not_written || by_evidence.reason.starts_with(store_failed)) return by_evidence;
-    return {Verdict::not_evaluated, std::string(store_failed) + *grounds->not_written};
+    if (!grounds || !grounds->not_written || by_evidence.cause == ErrorCode::store_failed) return by_evidence;
+    return not_evaluated({ErrorCode::store_failed, *grounds->not_written});
   }
-  const auto no = grounds ? objection(by_evidence.verdict, *grounds, now)
-                          : std::optional<std::string>("starting: no pair was evaluated since calibd started");
-  if (!no) return by_evidence;
-  return {Verdict::not_evaluated,
-          *no + "; it was " + std::string(to_string(by_evidence.verdict)) + " when last evaluated"};
+  const auto why = grounds ? objection(by_evidence.verdict, *grounds, now)
+                           : Error{ErrorCode::starting, "no pair was evaluated since calibd started"};
+  if (!why) return by_evidence;
+  return not_evaluated(*why, "; it was " + std::string(to_string(by_evidence.verdict)) + " when last evaluated");
 }
 
 }  // namespace calib

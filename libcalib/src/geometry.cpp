@@ -23,9 +23,8 @@ RigidTransform perturbation_about(const Vector6& delta, const Eigen::Vector3d& p
 }
 
 Vector6 perturbation_parameters(const RigidTransform& motion) {
-  // R = Rx Ry Rz: R(0,2) = sin(pitch). Yaw is taken from Rx^-1 R, whose middle row is (sin(yaw), cos(yaw), 0): so roll
-  // and yaw stay consistent with each other where the pitch is a right angle and only their sum or difference is
-  // defined.
+  // R = Rx Ry Rz: R(0,2) = sin(pitch). Yaw is taken from Rx^-1 R, whose middle row is (sin(yaw), cos(yaw), 0): so roll and
+  // yaw stay consistent with each other where the pitch is a right angle and only their sum or difference is defined.
   const Eigen::Matrix3d R = motion.linear();
   Vector6 delta;
   delta[0] = std::atan2(-R(1, 2), R(2, 2));

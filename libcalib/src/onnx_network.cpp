@@ -1,7 +1,5 @@
 #include "onnx_network.hpp"
 
-#include <malloc.h>
-
 #include <algorithm>
 #include <array>
 #include <cctype>
@@ -56,7 +54,7 @@ void append_provider(Ort::SessionOptions& options, const std::string& plain) {
   throw Ort::Exception("this ONNX Runtime has " + names, ORT_INVALID_ARGUMENT);
 }
 
-constexpr int any = -1;  // as ONNX Runtime tells sides that may vary
+constexpr int any = -1;  // as ONNX Runtime marks sides that may vary
 
 std::string shape_text(const std::vector<std::int64_t>& shape) {
   std::string text;
@@ -135,10 +133,6 @@ Result<void> OnnxNetwork::load() {
 
 void OnnxNetwork::rest() {
   if (!settings_.keep_session) session_.reset();
-#ifdef __GLIBC__
-  // What loading and running leave behind is free, and yet resident: several times the network itself.
-  if (!settings_.memory_arena) malloc_trim(0);
-#endif
 }
 
 Result<void> OnnxNetwork::check_input() {

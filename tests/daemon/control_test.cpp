@@ -24,11 +24,11 @@ class EchoDaemon {
   EchoDaemon() : control_(test::require_ok(ControlSocket::open(path()))) {
     server_ = std::thread([this] {
       while (!stop_)
-        control_.serve(20ms, -1, [this](Question question) {
-          ++questions_;
+        control_.serve(20ms, -1, [this](ClientRequest request) {
+          ++requests_;
           // Answered from another thread, as the daemon's worker does.
-          std::thread([question = std::move(question)] {
-            question.answer({{"ok", true}, {"echo", question.request}, {"may_change", question.peer.may_change}});
+          std::thread([request = std::move(request)] {
+            request.reply({{"ok", true}, {"echo", request.request}, {"may_change", request.peer.may_change}});
           }).detach();
         });
     });
@@ -38,25 +38,25 @@ class EchoDaemon {
     server_.join();
   }
   [[nodiscard]] std::filesystem::path path() const { return folder_.path() / "control.sock"; }
-  [[nodiscard]] int questions() const { return questions_; }
+  [[nodiscard]] int requests() const { return requests_; }
 
  private:
   test::TemporaryFolder folder_;
   ControlSocket control_;
   std::atomic<bool> stop_ = false;
-  std::atomic<int> questions_ = 0;
+  std::atomic<int> requests_ = 0;
   std::thread server_;
 };
 
-class Asker {
+class Client {
  public:
-  explicit Asker(const std::filesystem::path& path) : fd_(socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
+  explicit Client(const std::filesystem::path& path) : fd_(socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
     sockaddr_un address{};
     address.sun_family = AF_UNIX;
     std::strcpy(address.sun_path, path.c_str());
     REQUIRE(connect(fd_, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0);
   }
-  ~Asker() { close(fd_); }
+  ~Client() { close(fd_); }
   void say(const std::string& text) const {
     for (std::size_t sent = 0; sent < text.size();) {
       const ssize_t count = send(fd_, text.data() + sent, text.size() - sent, MSG_NOSIGNAL);
@@ -82,13 +82,13 @@ class Asker {
 
 }  // namespace
 
-TEST_CASE("a question is answered once, in one line, by whatever thread") {
+TEST_CASE("a request is answered once, in one line, by whatever thread") {
   const EchoDaemon daemon;
-  const Asker asker(daemon.path());
-  asker.say("{\"schema\":1,\"req");
-  asker.say("uest\":\"status\",\"x\":\"\xff\"}\n");  // not UTF-8: refused, not echoed
-  CHECK(json::parse(asker.hear())["ok"] == false);
-  const Asker second(daemon.path());
+  const Client client(daemon.path());
+  client.say("{\"schema\":1,\"req");
+  client.say("uest\":\"status\",\"x\":\"\xff\"}\n");  // not UTF-8: refused, not echoed
+  CHECK(json::parse(client.hear())["ok"] == false);
+  const Client second(daemon.path());
   second.say("{\"schema\":1,\"request\":\"status\"}\n");
   const json reply = json::parse(second.hear());
   CHECK(reply["echo"]["request"] == "status");
@@ -100,23 +100,23 @@ TEST_CASE("what is no request is refused and reaches nobody") {
   const EchoDaemon daemon;
   for (const char* text : {"\n", "[]\n", "{}\n", "{\"schema\":2,\"request\":\"status\"}\n", "{\"schema\":1,\"request\":7}\n",
                            "{\"schema\":1\n", "\"status\"\n"}) {
-    const Asker asker(daemon.path());
-    asker.say(text);
-    CHECK(json::parse(asker.hear())["code"] == "bad_request");
+    const Client client(daemon.path());
+    client.say(text);
+    CHECK(json::parse(client.hear())["code"] == "bad_request");
   }
-  const Asker endless(daemon.path());
+  const Client endless(daemon.path());
   endless.say(std::string(80 * 1024, ' '));
   CHECK(json::parse(endless.hear())["code"] == "bad_request");
-  CHECK(daemon.questions() == 0);
+  CHECK(daemon.requests() == 0);
 }
 
-TEST_CASE("silent askers do not keep others from being heard") {
+TEST_CASE("silent clients do not keep others from being heard") {
   const EchoDaemon daemon;
-  std::vector<std::unique_ptr<Asker>> silent;
-  for (int i = 0; i < 15; ++i) silent.push_back(std::make_unique<Asker>(daemon.path()));
-  const Asker asker(daemon.path());
-  asker.say("{\"schema\":1,\"request\":\"status\"}\n");
-  CHECK(json::parse(asker.hear())["ok"] == true);
+  std::vector<std::unique_ptr<Client>> silent;
+  for (int i = 0; i < 15; ++i) silent.push_back(std::make_unique<Client>(daemon.path()));
+  const Client client(daemon.path());
+  client.say("{\"schema\":1,\"request\":\"status\"}\n");
+  CHECK(json::parse(client.hear())["ok"] == true);
 }
 
 TEST_CASE("the socket is the daemon's own: others may not open it, and a second daemon is refused") {
@@ -127,9 +127,9 @@ TEST_CASE("the socket is the daemon's own: others may not open it, and a second 
   const auto second = ControlSocket::open(daemon.path());
   REQUIRE_FALSE(second);
   CHECK(second.error().code == "control_socket");
-  const Asker asker(daemon.path());
-  asker.say("{\"schema\":1,\"request\":\"status\"}\n");
-  CHECK(json::parse(asker.hear())["ok"] == true);
+  const Client client(daemon.path());
+  client.say("{\"schema\":1,\"request\":\"status\"}\n");
+  CHECK(json::parse(client.hear())["ok"] == true);
 }
 
 TEST_CASE("a socket that a dead daemon left is replaced") {

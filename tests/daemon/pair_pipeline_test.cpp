@@ -53,7 +53,7 @@ Vector6 yaw(double degrees) { return Vector6::Unit(2) * degrees * radians_per_de
 /// Why there is no result; empty when there is one.
 template <typename T>
 std::string code(const Result<T>& result) {
-  return result ? "" : result.error().code;
+  return result ? "" : word(result.error().code);
 }
 
 /// Whether enough pairs are at hand for a recalibration; decides nothing.
@@ -72,7 +72,7 @@ TEST_CASE("a displacement is found and recalibrated from pairs taken since, and 
     CHECK(can_recalibrate(loop) == (i >= 10));
     auto measurement = test::require_ok(loop.measure(drive.pair(i), *drive.depth));
     CHECK(measurement.stencil.current > 1);
-    CHECK(measurement.response.has_value());
+    CHECK(measurement.sensitivity.has_value());
     const Stencil stencil = measurement.stencil;
     const FeatureSet features = measurement.features;
     CHECK(score(features, drive.vehicle.T_camera_lidar).value == stencil.current);
@@ -88,7 +88,7 @@ TEST_CASE("a displacement is found and recalibrated from pairs taken since, and 
     REQUIRE(drive.evaluate(loop, drive.pair(last, yaw(-1))));
   REQUIRE(loop.state().verdict == Verdict::drifted);
   CHECK(last <= 26);
-  const Timestamp onset = *loop.monitor().first_sign();
+  const Timestamp onset = *loop.monitor().onset();
   const auto answer = test::require_ok(loop.decide(Recalibrate{.asked_by = "test"}));
   INFO(answer.reason);
   CHECK(answer.decision == Decision::accepted);
@@ -170,7 +170,7 @@ TEST_CASE("windows without a measurement are counted by reason; the second in tu
   test::PairLoop loop = drive.loop();
   for (int i = 0; i < 12; ++i) REQUIRE(drive.evaluate(loop, drive.pair(i)));
   REQUIRE(loop.state().verdict == Verdict::calibrated);
-  const Skip silent{{"sensor_silent", "no image arrived"}};
+  const Skip silent{{ErrorCode::sensor_silent, "no image arrived"}};
   [[maybe_unused]] auto none = loop.decide(silent);
   CHECK(loop.state().verdict == Verdict::calibrated);
   none = loop.decide(silent);

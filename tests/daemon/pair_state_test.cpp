@@ -14,8 +14,11 @@ using namespace std::chrono_literals;
 namespace {
 
 AxisEvidence random_evidence(vehicle::Random& random, Timestamp stamp, double shift = 0) {
-  AxisEvidence evidence{.stamp = stamp, .score = 1.2 + 0.01 * random.gaussian(), .peak = 0.02 + 0.005 * random.gaussian(), .response = Matrix6::Zero()};
-  for (int i = 0; i < 36; ++i) (*evidence.response)(i / 6, i % 6) = (i % 7 == 0) + 0.1 * random.gaussian();
+  AxisEvidence evidence{.stamp = stamp,
+                        .score = 1.2 + 0.01 * random.gaussian(),
+                        .prominence = 0.02 + 0.005 * random.gaussian(),
+                        .sensitivity = Matrix6::Zero()};
+  for (int i = 0; i < 36; ++i) (*evidence.sensitivity)(i / 6, i % 6) = (i % 7 == 0) + 0.1 * random.gaussian();
   for (int axis = 0; axis < 6; ++axis) evidence.slope[axis] = shift + 0.1 * random.gaussian();
   return evidence;
 }
@@ -26,7 +29,7 @@ PairState full_state() {
   for (int i = 0; i < 45; ++i) monitor.observe(random_evidence(random, 1s * i, i < 40 ? 0 : 0.6));
   PairState state;
   state.drift = monitor.state();
-  state.verdict = Verdict::suspect;
+  state.set({Verdict::suspect, std::nullopt, "a reason"});
   state.reason = "the LiDAR seems to have moved: \"yaw\"\n\xc3\xa4";
   state.unresolved = "it was drifted";
   state.since = WallTime(1'700'000'000'123'456'789);
@@ -63,7 +66,7 @@ TEST_CASE("a monitor that goes on from its text sees, to the last bit, what it w
   CHECK(straight.verdict() == DriftVerdict::drifted);
   REQUIRE(restarted.misalignment());
   CHECK(restarted.misalignment()->delta == straight.misalignment()->delta);
-  CHECK(restarted.first_sign() == straight.first_sign());
+  CHECK(restarted.onset() == straight.onset());
 }
 
 TEST_CASE("a state that is written and read is the same, with and without what is optional") {
@@ -92,8 +95,8 @@ TEST_CASE("a state that is written and read is the same, with and without what i
       CHECK(read.score->current == state.score->current);
       CHECK(read.score->baseline == state.score->baseline);
     }
-    CHECK(read.drift.charts[2][0][1].sum == state.drift.charts[2][0][1].sum);
-    CHECK(read.drift.charts[2][0][1].since == state.drift.charts[2][0][1].since);
+    CHECK(read.drift.charts == state.drift.charts);
+    CHECK(read.drift.loss_charts == state.drift.loss_charts);
     CHECK(read.drift.baseline.slope_products == state.drift.baseline.slope_products);
   }
 }
@@ -138,12 +141,14 @@ TEST_CASE("numbers that no monitor can have are refused: what is saved must not 
   CHECK(code("/probation/gain_squares", -1.0) == "malformed_state");
   CHECK(code("/refusals", -1) == "malformed_state");
   CHECK(code("/verdict", "fine") == "malformed_state");
+  CHECK(code("/cause", "stale") == "malformed_state");  // of a verdict
+  CHECK(code("/cause", "no such word") == "");         // of a later calibd: the verdict has none
   CHECK(code("/schema", 1) == "malformed_state");
   // Drifted while still learning, by no evidence at all.
   nlohmann::json hollow = whole;
   hollow["drift"] = as_json(PairState{})["drift"];
   hollow["drift"]["verdict"] = static_cast<int>(DriftVerdict::drifted);
-  CHECK(DriftMonitor({}, test::require_ok(parse_pair_state(hollow.dump())).drift).first_sign() == Timestamp::min());
+  CHECK(DriftMonitor({}, test::require_ok(parse_pair_state(hollow.dump())).drift).onset() == Timestamp::min());
 }
 
 TEST_CASE("a reason that quotes a broken message is written all the same") {

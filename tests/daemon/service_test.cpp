@@ -59,7 +59,7 @@ class Reply {
 
 std::string refusal(const std::optional<ControlReply>& reply) {
   const auto* error = reply ? std::get_if<Error>(&*reply) : nullptr;
-  return error != nullptr ? std::string(error->code) : "";
+  return error != nullptr ? word(error->code) : "";
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
-#include "fuzz/fuzz.hpp"
 #include "drift_alert.hpp"
+#include "fuzz/fuzz.hpp"
 
 namespace calib::fuzz {
 

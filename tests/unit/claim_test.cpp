@@ -25,7 +25,7 @@ template <typename Change>
 Claim changed(Verdict verdict, Change change) {
   Grounds grounds = sound();
   change(grounds);
-  return claim({verdict, "a reason"}, grounds, now);
+  return claim({verdict, std::nullopt, "a reason"}, grounds, now);
 }
 
 }  // namespace
@@ -35,6 +35,7 @@ TEST_CASE("a verdict on sound grounds is shown as it is, with its reason") {
     const Claim said = changed(verdict, [](Grounds&) {});
     CHECK(said.verdict == verdict);
     CHECK(said.reason == "a reason");
+    CHECK_FALSE(said.cause);
   }
 }
 
@@ -43,6 +44,8 @@ TEST_CASE("each thing that grounds lack takes every verdict away, and says which
     for (const Verdict verdict : {Verdict::calibrated, Verdict::suspect, Verdict::drifted}) {
       const Claim said = changed(verdict, change);
       CHECK(said.verdict == Verdict::not_evaluated);
+      REQUIRE(said.cause);
+      CHECK_THAT(said.reason, StartsWith(std::string(to_string(*said.cause)) + ": "));
       CHECK_THAT(said.reason, StartsWith(code));
       CHECK_THAT(said.reason, EndsWith("; it was " + std::string(to_string(verdict)) + " when last evaluated"));
     }
@@ -81,5 +84,5 @@ TEST_CASE("what was made of a verdict stays so, whoever applies it again") {
   const Claim unwritten = claim(calibrated, grounds, now);
   CHECK(claim(unwritten, grounds, now).reason == unwritten.reason);
   // Also of what was not evaluated it is said that nothing can be written.
-  CHECK(claim({Verdict::not_evaluated, "dark"}, grounds, now).reason == "store_failed: disk full");
+  CHECK(claim({Verdict::not_evaluated, ErrorCode::dark, "dark"}, grounds, now).reason == "store_failed: disk full");
 }

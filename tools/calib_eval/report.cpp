@@ -1,7 +1,8 @@
 #include "calib_eval/report.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
-#include <cstdio>
 #include <fstream>
 #include <system_error>
 
@@ -34,7 +35,7 @@ Json to_json(const Camera& camera) {
           {"distortion", camera.distortion()}};
 }
 
-Json describe_depth(const FootageOptions& options) {
+Json describe_depth(const RecordingOptions& options) {
   Json depth;
   if (options.depth.empty()) {
     depth = {{"source", "files"}, {"folder", options.depth_dir.string()}, {"kind", options.depth_kind}};
@@ -46,7 +47,7 @@ Json describe_depth(const FootageOptions& options) {
   return depth;
 }
 
-Json to_json(const std::optional<FootageAgreement>& agreement) {
+Json to_json(const std::optional<RecordingAgreement>& agreement) {
   if (!agreement) return nullptr;
   return {{"rank_correlation", agreement->rank_correlation},
           {"points", agreement->points},
@@ -66,9 +67,9 @@ Json best_to_json(const Experiment& experiment) {
   const Run& run = experiment.runs[experiment.best->run];
   const Uncertainty& uncertainty = experiment.best->uncertainty;
   // Of the axes that were searched; of the others nothing is known.
-  const auto searched = [released = experiment.cell.released()](Json of_axes) {
-    for (std::size_t axis = 0; axis < released.size(); ++axis)
-      if (!released[axis]) of_axes[axis] = nullptr;
+  const auto searched = [free_axes = experiment.cell.free_axes()](Json of_axes) {
+    for (std::size_t axis = 0; axis < free_axes.size(); ++axis)
+      if (!free_axes[axis]) of_axes[axis] = nullptr;
     return of_axes;
   };
   const auto sigma = [&](const Matrix6& covariance) {
@@ -82,12 +83,9 @@ Json best_to_json(const Experiment& experiment) {
           {"observable", searched(uncertainty.observable)}};
 }
 
-std::string text(const char* format, double value) {
-  char buffer[64];
-  std::snprintf(buffer, sizeof buffer, format, value);
-  return buffer;
+std::string text(fmt::format_string<double> format, const std::optional<double>& value) {
+  return value ? fmt::format(format, *value) : "-";
 }
-std::string text(const char* format, const std::optional<double>& value) { return value ? text(format, *value) : "-"; }
 
 std::string columns(const std::array<std::string, 9>& cells) {
   constexpr std::array widths{9, 3, 8, 11, 6, 14, 17, 11, 9};
@@ -105,10 +103,10 @@ tl::unexpected<Error> write_failed(const fs::path& file, const std::string& why 
 
 }  // namespace
 
-Json describe(const char* kind, const std::vector<std::string>& command, const FootageOptions& options,
-              const Footage& footage) {
+Json describe(const char* kind, const std::vector<std::string>& command, const RecordingOptions& options,
+              const RecordingFrames& recording_frames) {
   std::vector<std::string> names;
-  for (const Footage::Frame& frame : footage.frames) names.push_back(frame.name);
+  for (const RecordingFrames::Frame& frame : recording_frames.frames) names.push_back(frame.name);
   return {{"schema", 1},
           {"kind", kind},
           {"complete", false},
@@ -119,12 +117,12 @@ Json describe(const char* kind, const std::vector<std::string>& command, const F
            {{"dataset", options.dataset},
             {"root", options.root.string()},
             {"drive", options.drive},
-            {"camera", to_json(footage.camera)},
-            {"T_camera_lidar", to_json(footage.T_camera_lidar)},
+            {"camera", to_json(recording_frames.camera)},
+            {"T_camera_lidar", to_json(recording_frames.T_camera_lidar)},
             {"depth", describe_depth(options)},
-            {"depth_agreement", to_json(footage.agreement)},
+            {"depth_agreement", to_json(recording_frames.agreement)},
             {"frames", names},
-            {"left_out", footage.left_out}}},
+            {"left_out", recording_frames.left_out}}},
           {"seed", options.seed}};
 }
 
@@ -220,19 +218,19 @@ std::string table_line(const Experiment& experiment) {
   const Summary summary = summarise(experiment.runs);
   const bool six = cell.degrees_of_freedom == 6;
   return columns({std::string(to_string(cell.method)), std::to_string(cell.degrees_of_freedom),
-                  cell.range.any_orientation() ? "any" : text("%g deg", cell.range.rotation_deg),
-                  six ? text("%g cm", cell.range.translation_cm) : "-",
-                  text("%.1f %%", summary.starts > 0 ? 100.0 * summary.hits / summary.starts : 0),
-                  text("%.3f deg", summary.hit_rotation_error_deg),
-                  six ? text("%.2f cm", summary.hit_translation_error_cm) : "-", text("%.0f", summary.evaluations),
-                  text("%.3f", summary.seconds_per_run)});
+                  cell.range.any_orientation() ? "any" : text("{:g} deg", cell.range.rotation_deg),
+                  six ? text("{:g} cm", cell.range.translation_cm) : "-",
+                  text("{:.1f} %", summary.starts > 0 ? 100.0 * summary.hits / summary.starts : 0),
+                  text("{:.3f} deg", summary.hit_rotation_error_deg),
+                  six ? text("{:.2f} cm", summary.hit_translation_error_cm) : "-", text("{:.0f}", summary.evaluations),
+                  text("{:.3f}", summary.seconds_per_run)});
 }
 
 std::vector<std::string> remarks(const Experiment& experiment) {
   std::vector<std::string> remarks;
-  const auto released = experiment.cell.released();
+  const auto free_axes = experiment.cell.free_axes();
   for (std::size_t i = 0; i < axis_names.size() && experiment.best; ++i)
-    if (released[i] && !experiment.best->uncertainty.observable[i])
+    if (free_axes[i] && !experiment.best->uncertainty.observable[i])
       remarks.push_back(std::string(axis_names[i]) + " is not observable from these frames");
   const auto failed = std::ranges::find_if(experiment.runs, [](const Run& run) { return !run.result; });
   if (failed != experiment.runs.end())

@@ -23,7 +23,7 @@ struct BootTime {
   std::chrono::nanoseconds since_boot{};
 };
 
-/// What a verdict rests on.
+/// The grounds of a verdict.
 struct Grounds {
   /// Pairs that the present process has evaluated at the extrinsic in force.
   std::uint64_t pairs = 0;
@@ -43,13 +43,15 @@ inline constexpr std::uint64_t least_pairs_to_confirm = 3;
 /// What may be said of a pair.
 struct Claim {
   Verdict verdict = Verdict::not_evaluated;
+  /// Of `not_evaluated` and of no other verdict: why there is none.
+  std::optional<ErrorCode> cause;
   std::string reason;
 };
 
 /// The one place that decides what is shown: `calibrated` needs evidence that the present process has gathered or
 /// confirmed, that is no older than its lifetime, and that is written down. `suspect` and `drifted` need the same, but
-/// the confirmation. Anything else is `not_evaluated`, whose reason begins with `starting`, `store_failed` or `stale`
-/// and ends with what was said before. Programs that read a status apply it again, by their own clock: what it has made
+/// the confirmation. Anything else is `not_evaluated`, whose cause is `starting`, `store_failed` or `stale`; its reason
+/// begins with that word and ends with what was said before. Programs that read a status apply it again, by their own clock: what it has made
 /// of a verdict stays so.
 [[nodiscard]] Claim claim(const Claim& by_evidence, const std::optional<Grounds>& grounds, const BootTime& now);
 

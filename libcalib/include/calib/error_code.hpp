@@ -22,13 +22,15 @@ namespace calib {
   /* libcalib: depth and the quality of a pair */                                                                \
   CODE(depth_failed) CODE(few_valid_depth) CODE(image_size_mismatch) CODE(motion) CODE(dark) CODE(saturated)     \
   CODE(low_texture) CODE(standing_still) CODE(low_overlap)                                                       \
-  /* libcalib: search and recalibration */                                                                       \
-  CODE(unknown_objective) CODE(too_few_pairs) CODE(search_failed) CODE(cancelled)                                \
+  /* libcalib: drift, search and recalibration */                                                                \
+  CODE(sensitivity_missing) CODE(unknown_objective) CODE(too_few_pairs) CODE(search_failed) CODE(cancelled)      \
   /* libcalib: signatures, records, store and status */                                                          \
   CODE(bad_key) CODE(bad_name) CODE(key_exists) CODE(key_not_found) CODE(key_not_written) CODE(key_permissions)  \
   CODE(bad_signature) CODE(wrong_key) CODE(broken_chain) CODE(malformed_record) CODE(record_not_found)           \
   CODE(store_failed) CODE(store_moved) CODE(store_not_found) CODE(store_version)                                 \
   CODE(bad_time) CODE(bad_verdict) CODE(malformed_status)                                                        \
+  /* libcalib: why there is no verdict, beside what a pair is refused for */                                     \
+  CODE(no_pair_yet) CODE(starting) CODE(stale) CODE(unresolved) CODE(learning) CODE(insufficient_power)          \
   /* daemon: messages of sensors */                                                                              \
   MALFORMED(stamp) MALFORMED(refused)                                                                            \
   MALFORMED(fields) MALFORMED(field_type) MALFORMED(field_bounds) MALFORMED(xyz) MALFORMED(point_step)           \
@@ -42,7 +44,7 @@ namespace calib {
   /* daemon: DDS and service */                                                                                  \
   CODE(bad_interface) CODE(bad_topic) CODE(dds_failed)                                                           \
   CODE(bad_directory) CODE(control_socket) CODE(depth_model_refused) CODE(internal_error) CODE(malformed_alert)  \
-  CODE(malformed_head) CODE(malformed_state) CODE(no_build_id) CODE(not_prepared) CODE(other_vehicle)            \
+  CODE(malformed_head) CODE(malformed_state) CODE(no_build_id) CODE(other_vehicle)                               \
   CODE(recalibration_failed) CODE(signals) CODE(snapshot_failed) CODE(too_few_files)                             \
   /* control protocol: what calibd refuses a request with, see proto/control.md */                               \
   CODE(bad_request) CODE(denied) CODE(failed) CODE(not_found) CODE(not_ready)                                    \

@@ -18,6 +18,7 @@ namespace calib {
 struct PairStatus {
   std::string name;
   Verdict verdict = Verdict::not_evaluated;
+  std::optional<ErrorCode> cause;  // as of `Claim`
   std::string reason;
   /// What the verdict rests on; nothing while this process has evaluated no pair at the extrinsic in force.
   std::optional<Grounds> grounds;
@@ -38,9 +39,9 @@ struct PairStatus {
     Vector6 delta = Vector6::Zero(), sigma = Vector6::Zero();
   };
   std::optional<Misalignment> misalignment;
-  /// Per axis the smallest shift that would be noticed (rad, m), infinite where the axis is not observable; none before
-  /// the baseline is known.
-  std::optional<Vector6> noticeable;
+  /// Per axis the smallest shift that is detected (rad, m), infinite where the axis is not observable; none before
+  /// there is a baseline.
+  std::optional<Vector6> detection_limit;
 
   RigidTransform T_camera_lidar = RigidTransform::Identity();
   /// A computed extrinsic that waits for `calibctl accept`, and its record.
@@ -69,7 +70,7 @@ struct PairStatus {
   std::optional<double> time_difference_ms;
 };
 
-/// What `misalignment` says of one axis (0 .. 5): "0.62 degrees to the left, sigma 0.05", or "not observable".
+/// `misalignment` of one axis (0 .. 5) in words: "0.62 degrees to the left, sigma 0.05", or "not observable".
 [[nodiscard]] std::string axis_in_words(const PairStatus& pair, int axis);
 
 struct Status {
@@ -79,7 +80,7 @@ struct Status {
   double uptime_s = 0;
   std::vector<PairStatus> pairs;
   std::uint64_t feed_queued = 0;
-  /// Records that calibd had written and that are in the store no more, in words.
+  /// Records that calibd has written and that are no longer in the store, in words.
   std::optional<std::string> records_missing;
 };
 
