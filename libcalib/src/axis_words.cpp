@@ -1,8 +1,9 @@
 #include "calib/axis_words.hpp"
 
+#include <fmt/format.h>
+
 #include <array>
 #include <cmath>
-#include <cstdio>
 
 #include "calib/geometry.hpp"
 
@@ -22,12 +23,8 @@ constexpr std::array<Sides, 6> sides{{{"right side down", "left side down"},
 }  // namespace
 
 std::string amount_in_words(int axis, double amount) {
-  std::array<char, 352> text;  // the largest double has 309 digits before the point
-  if (axis < 3)
-    std::snprintf(text.data(), text.size(), "%.2f", std::abs(amount) / radians_per_degree);
-  else
-    std::snprintf(text.data(), text.size(), "%.1f", std::abs(amount) * 100);
-  return text.data();
+  return axis < 3 ? fmt::format("{:.2f}", std::abs(amount) / radians_per_degree)
+                  : fmt::format("{:.1f}", std::abs(amount) * 100);
 }
 
 std::string motion_in_words(int axis, double amount, std::optional<double> sigma) {

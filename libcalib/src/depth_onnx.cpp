@@ -1,5 +1,7 @@
 #include "calib/depth_onnx.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -51,19 +53,19 @@ Result<void> compare(const NetworkMap& map, const DepthModel& model) {
   const GoldenPair& golden = *model.golden;
   const auto expected = read_floats(golden.output, map.values.size());
   if (!expected)
-    return self_test_failed(golden.output.string() + " does not hold the " + std::to_string(map.width) + " x " +
-                            std::to_string(map.height) + " finite 32-bit floats that " + model.file.string() +
-                            " makes of " + golden.image.string());
+    return self_test_failed(fmt::format("{} does not hold the {} x {} finite 32-bit floats that {} makes of {}",
+                                        golden.output.string(), map.width, map.height, model.file.string(),
+                                        golden.image.string()));
   const auto [least, greatest] = std::ranges::minmax(*expected);
   double difference = 0;
   for (std::size_t i = 0; i < expected->size(); ++i)
     difference = std::max(difference, std::abs(static_cast<double>(map.values[i]) - (*expected)[i]));
   const double share = difference / (static_cast<double>(greatest) - least);
   if (share <= golden.tolerance) return {};  // false where all golden values are the same
-  return self_test_failed(model.file.string() + " makes of " + golden.image.string() + " what differs from " +
-                          golden.output.string() + " by " + std::to_string(share) + " of its range, and " +
-                          std::to_string(golden.tolerance) + " is tolerated; check input and output in " +
-                          model.descriptor.string());
+  return self_test_failed(fmt::format(
+      "{} makes of {} what differs from {} by {:f} of its range, and {:f} is tolerated; check input and output in {}",
+      model.file.string(), golden.image.string(), golden.output.string(), share, golden.tolerance,
+      model.descriptor.string()));
 }
 
 /// A slope from black to white, of the camera's size.
@@ -87,16 +89,15 @@ class OnnxDepth final : public DepthEstimator {
     std::string remark = network_.remark();
     if (!model_.golden)
       remark += (remark.empty() ? "" : "; ") + model_.descriptor.string() +
-                " names no golden pair: nothing tests at start " + "whether the network gives the depth it should";
+                " names no golden pair: nothing tests at start whether the network gives the depth it should";
     return remark;
   }
 
   Result<DepthMap> estimate(const FramePair& pair) override {
     if (pair.image.width != camera_.width() || pair.image.height != camera_.height())
-      return fail(ErrorCode::depth_failed, "an image is " + std::to_string(pair.image.width) + " x " +
-                                               std::to_string(pair.image.height) + " where the configuration says " +
-                                               std::to_string(camera_.width()) + " x " +
-                                               std::to_string(camera_.height()));
+      return fail(ErrorCode::depth_failed,
+                  fmt::format("an image is {} x {} where the configuration says {} x {}", pair.image.width,
+                              pair.image.height, camera_.width(), camera_.height()));
     // What has not passed its self-test gives no depth.
     if (!proven_)
       if (const auto prepared = prepare(); !prepared) return propagate(prepared);
@@ -147,9 +148,9 @@ Result<std::unique_ptr<DepthEstimator>> make_onnx_depth(const std::filesystem::p
   const Placement placement = place(model->input, camera.width(), camera.height());
   if (std::int64_t{placement.width} * placement.height > most_pixels)
     return fail(ErrorCode::bad_config,
-                descriptor.string() + ": input.size: an image of " + std::to_string(camera.width()) + " x " +
-                    std::to_string(camera.height()) + " becomes one of " + std::to_string(placement.width) + " x " +
-                    std::to_string(placement.height) + "; write a smaller size, or keep_aspect: upper_bound");
+                fmt::format("{}: input.size: an image of {} x {} becomes one of {} x {}; write a smaller size, or "
+                            "keep_aspect: upper_bound",
+                            descriptor.string(), camera.width(), camera.height(), placement.width, placement.height));
   try {
     return std::make_unique<OnnxDepth>(*std::move(model), camera, settings);
   } catch (const Ort::Exception& exception) {

@@ -1,5 +1,7 @@
 #include "calib/depth_stereo.hpp"
 
+#include <fmt/format.h>
+
 #include <opencv2/calib3d.hpp>
 #include <optional>
 
@@ -8,7 +10,7 @@
 namespace calib {
 namespace {
 
-std::string size_text(int width, int height) { return std::to_string(width) + " x " + std::to_string(height); }
+std::string size_text(int width, int height) { return fmt::format("{} x {}", width, height); }
 
 cv::Ptr<cv::StereoMatcher> make_matcher(StereoMatcher kind, int width) {
   // About a tenth of the width: nearest depth 10 f B / width, some 3 m on a car's stereo camera.

@@ -1,5 +1,7 @@
 #include "calib/depth_topic.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -8,7 +10,7 @@
 namespace calib {
 namespace {
 
-std::string size_text(int width, int height) { return std::to_string(width) + " x " + std::to_string(height); }
+std::string size_text(int width, int height) { return fmt::format("{} x {}", width, height); }
 
 class TopicDepth final : public DepthEstimator {
  public:

@@ -1,5 +1,7 @@
 #include "calib/extrinsic_check.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -160,11 +162,10 @@ ExtrinsicOpinion examine_extrinsic(const Camera& camera, const RigidTransform& T
 Result<void> check_extrinsic(const Camera& camera, const RigidTransform& T_camera_lidar, const LidarScan& scan) {
   const ExtrinsicOpinion opinion = examine_extrinsic(camera, T_camera_lidar, scan);
   if (opinion.plausible()) return {};
-  return fail(ErrorCode::extrinsic_implausible, "T_camera_lidar brings " + std::to_string(opinion.points_in_view) +
-                                                    " of " + std::to_string(scan.points.size()) +
-                                                    " points into the image" +
-                                                    (opinion.upright ? "" : " and the camera on its side") +
-                                                    (opinion.likely ? ": " + std::string(opinion.likely->words) : ""));
+  return fail(ErrorCode::extrinsic_implausible,
+              fmt::format("T_camera_lidar brings {} of {} points into the image{}{}", opinion.points_in_view,
+                          scan.points.size(), opinion.upright ? "" : " and the camera on its side",
+                          opinion.likely ? ": " + std::string(opinion.likely->words) : ""));
 }
 
 }  // namespace calib

@@ -1,8 +1,9 @@
 #include "recalibration_gates.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 #include "search_steps.hpp"
 
@@ -37,17 +38,11 @@ std::vector<int> axes_where(const std::array<bool, 6>& chosen) {
   return axes;
 }
 
-std::string number(double value, int decimals) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.*f", decimals, value);
-  return text;
-}
+std::string number(double value, int decimals) { return fmt::format("{:.{}f}", value, decimals); }
 
 /// "+0.0123 +- 0.0040".
 std::string in_words(const Gain& gained) {
-  char text[64];
-  std::snprintf(text, sizeof text, "%+.4f +- %.4f", gained.mean, gained.standard_error);
-  return text;
+  return fmt::format("{:+.4f} +- {:.4f}", gained.mean, gained.standard_error);
 }
 
 /// "roll 0.31, yaw -1.20 degrees, x 4 cm": of these axes.

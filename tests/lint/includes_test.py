@@ -14,7 +14,7 @@ BESIDE = {"camera_models": "camera", "drift_evidence": "drift", "drift_estimate"
           "uncertainty": "search", "recalibration_gates": "recalibrate",
           "json_fields": "record"}
 
-FOREIGN = re.compile(r"^(dds/|cyclonedds|spdlog/|fmt/|systemd/|CLI/|mosquitto)")
+FOREIGN = re.compile(r"^(dds/|cyclonedds|spdlog/|systemd/|CLI/|mosquitto)")
 NOT_PURE = {"iostream", "print", "thread", "mutex", "condition_variable", "future", "atomic",
             "pthread.h", "ctime", "time.h", "sys/time.h"}
 NOT_PURE_CALLS = re.compile(r"\b(getenv|setenv|system_clock|steady_clock|high_resolution_clock|clock_gettime|"

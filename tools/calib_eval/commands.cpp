@@ -1,5 +1,7 @@
 #include "calib_eval/commands.hpp"
 
+#include <fmt/format.h>
+
 #include <unistd.h>
 
 #include <cerrno>
@@ -22,10 +24,8 @@ std::vector<Cell> cells_of(const CalibrateOptions& options) {
 }
 
 std::string name_of(const Cell& cell) {
-  char name[64];
-  std::snprintf(name, sizeof name, "%s, %g deg, %g cm", std::string(to_string(cell.method)).c_str(),
-                cell.range.rotation_deg, cell.range.translation_cm);
-  return name;
+  return fmt::format("{}, {:g} deg, {:g} cm", to_string(cell.method), cell.range.rotation_deg,
+                     cell.range.translation_cm);
 }
 
 /// What is looked at: features are made once, for all objectives.

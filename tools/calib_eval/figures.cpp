@@ -1,7 +1,8 @@
 #include "calib_eval/figures.hpp"
 
+#include <fmt/format.h>
+
 #include <cmath>
-#include <cstdio>
 
 #include "calib/overlay.hpp"
 
@@ -59,9 +60,8 @@ Result<std::optional<Figure>> draw(const Footage& footage, const Experiment& exp
   figure.features = features_of(objective);
 
   figure.frame = frame.name;
-  char stem[96];
-  std::snprintf(stem, sizeof stem, "%s_%ddof_%gdeg_%gcm_", std::string(to_string(cell.method)).c_str(),
-                cell.degrees_of_freedom, cell.range.rotation_deg, cell.range.translation_cm);
+  const std::string stem = fmt::format("{}_{}dof_{:g}deg_{:g}cm_", to_string(cell.method), cell.degrees_of_freedom,
+                                       cell.range.rotation_deg, cell.range.translation_cm);
   const struct {
     const char* name;
     RigidTransform motion;

@@ -1,3 +1,4 @@
+#include <fmt/format.h>
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <charconv>
@@ -26,9 +27,7 @@ CLI::Validator parses(const Parser& parser, const std::string& what) {
 }
 
 std::string bounds(double least, double most, const char* between) {
-  char text[64];
-  std::snprintf(text, sizeof text, "%g%s%g", least, between, most);
-  return text;
+  return fmt::format("{:g}{}{:g}", least, between, most);
 }
 
 std::optional<double> parse_number(const std::string& text) {

@@ -1,7 +1,8 @@
 #include "calib_eval/report.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
-#include <cstdio>
 #include <fstream>
 #include <system_error>
 
@@ -82,12 +83,9 @@ Json best_to_json(const Experiment& experiment) {
           {"observable", searched(uncertainty.observable)}};
 }
 
-std::string text(const char* format, double value) {
-  char buffer[64];
-  std::snprintf(buffer, sizeof buffer, format, value);
-  return buffer;
+std::string text(fmt::format_string<double> format, const std::optional<double>& value) {
+  return value ? fmt::format(format, *value) : "-";
 }
-std::string text(const char* format, const std::optional<double>& value) { return value ? text(format, *value) : "-"; }
 
 std::string columns(const std::array<std::string, 9>& cells) {
   constexpr std::array widths{9, 3, 8, 11, 6, 14, 17, 11, 9};
@@ -220,12 +218,12 @@ std::string table_line(const Experiment& experiment) {
   const Summary summary = summarise(experiment.runs);
   const bool six = cell.degrees_of_freedom == 6;
   return columns({std::string(to_string(cell.method)), std::to_string(cell.degrees_of_freedom),
-                  cell.range.any_orientation() ? "any" : text("%g deg", cell.range.rotation_deg),
-                  six ? text("%g cm", cell.range.translation_cm) : "-",
-                  text("%.1f %%", summary.starts > 0 ? 100.0 * summary.hits / summary.starts : 0),
-                  text("%.3f deg", summary.hit_rotation_error_deg),
-                  six ? text("%.2f cm", summary.hit_translation_error_cm) : "-", text("%.0f", summary.evaluations),
-                  text("%.3f", summary.seconds_per_run)});
+                  cell.range.any_orientation() ? "any" : text("{:g} deg", cell.range.rotation_deg),
+                  six ? text("{:g} cm", cell.range.translation_cm) : "-",
+                  text("{:.1f} %", summary.starts > 0 ? 100.0 * summary.hits / summary.starts : 0),
+                  text("{:.3f} deg", summary.hit_rotation_error_deg),
+                  six ? text("{:.2f} cm", summary.hit_translation_error_cm) : "-", text("{:.0f}", summary.evaluations),
+                  text("{:.3f}", summary.seconds_per_run)});
 }
 
 std::vector<std::string> remarks(const Experiment& experiment) {
