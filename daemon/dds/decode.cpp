@@ -160,39 +160,41 @@ struct Lens {
   std::vector<double> distortion;
 };
 
-/// The coefficients of a distortion model as `Camera` takes them. Those that only OpenCV's larger models have (thin
-/// prism and tilt) must be zero.
-Result<Lens> lens(std::string_view model, std::span<const double> d) {
-  const std::size_t count = d.size();
-  const auto make = [&](CameraModel ours, std::size_t complete) {
-    Lens lens{ours, {d.begin(), d.end()}};
-    lens.distortion.resize(complete, 0.0);
-    return lens;
-  };
-  const auto zero_from = [&](std::size_t first) {
-    return std::ranges::all_of(d.subspan(std::min(first, count)), [](double value) { return value == 0; });
-  };
-  const std::string shown = "distortion model '" + escape_control(model.substr(0, 32)) + "' ";
-  const std::string counted = shown + "with " + std::to_string(count) + " coefficients in D: ";
+/// The camera model that CameraInfo calls `name`; nothing for a name that no model has.
+const CameraModelFacts* model_of(std::string_view name) {
+  const auto found = std::ranges::find_if(all_camera_models, [&](const CameraModelFacts& model) {
+    return model.ros && (name == model.ros->name || name == model.ros->other_name);
+  });
+  return found == all_camera_models.end() ? nullptr : &*found;
+}
+
+/// What CameraInfo may call a lens, "none" last.
+std::string model_names() {
+  std::string names;
+  for (const CameraModelFacts& model : all_camera_models) {
+    if (!model.ros || model.parameters.empty()) continue;
+    names += std::string(model.ros->name) + ", ";
+    if (model.ros->other_name != model.ros->name) names += std::string(model.ros->other_name) + ", ";
+  }
+  return names + "none";
+}
+
+/// The coefficients of a distortion model as `Camera` takes them.
+Result<Lens> lens(std::string_view name, std::span<const double> d) {
+  const std::string shown = "distortion model '" + escape_control(name.substr(0, 32)) + "' ";
+  const std::string counted = shown + "with " + std::to_string(d.size()) + " coefficients in D: ";
   if (!all_finite(d)) return fail(ErrorCode::malformed_distortion, counted + "one is not finite");
-  if (model.empty() || model == "none") {
-    if (zero_from(0)) return make(CameraModel::rectified, 0);
-    return fail(ErrorCode::malformed_distortion, counted + "without a model none may be there");
-  }
-  if (model == "plumb_bob") {
-    if (count == 0 || count == 4 || count == 5) return make(CameraModel::plumb_bob, 5);
-    return fail(ErrorCode::malformed_distortion, counted + "4 or 5 are needed");
-  }
-  if (model == "rational_polynomial") {
-    if ((count == 8 || count == 12 || count == 14) && zero_from(8)) return make(CameraModel::rational_polynomial, 8);
-    return fail(ErrorCode::malformed_distortion, counted + "8 are needed, and thin prism and tilt must be zero");
-  }
-  if (model == "equidistant" || model == "fisheye") {
-    if (count == 4) return make(CameraModel::equidistant, 4);
-    return fail(ErrorCode::malformed_distortion, counted + "4 are needed");
-  }
-  return fail(ErrorCode::malformed_distortion,
-              shown + "is none of plumb_bob, rational_polynomial, equidistant, fisheye, none");
+  const CameraModelFacts* const model = model_of(name);
+  if (model == nullptr) return fail(ErrorCode::malformed_distortion, shown + "is none of " + model_names());
+  const std::size_t own = model->parameters.size();
+  // The larger models of OpenCV add thin prism and tilt, which no model here has.
+  const bool others_are_zero =
+      std::ranges::all_of(d.subspan(std::min(own, d.size())), [](double value) { return value == 0; });
+  if (!model->ros->takes(d.size()) || !others_are_zero)
+    return fail(ErrorCode::malformed_distortion, counted + std::string(model->ros->needed));
+  Lens lens{model->model, {d.begin(), d.end()}};
+  lens.distortion.resize(own, 0.0);
+  return lens;
 }
 
 /// The part of one side of the sensor that an image shows.
