@@ -62,7 +62,7 @@ PairDecision PairPipeline::decide(const PairState& state, Measurement measuremen
   AxisEvidence evidence = axis_evidence(measurement.stencil, measurement.features.stamp);
   evidence.response = measurement.response;
   DriftMonitor monitor(settings_.drift, std::move(after.drift));
-  monitor.observe(evidence);
+  if (const auto observed = monitor.observe(evidence); !observed) return decide(state, Skip{observed.error()}, now);
   after.drift = monitor.state();
   after.last_evaluated = now.time.wall;
   ++after.evaluated;

@@ -14,7 +14,7 @@ constexpr int most_doublings = 8;
 
 /// What the evidence of drift says; nothing where there is none, or none but that the extrinsic was wrong from the start.
 std::optional<Expectation> expectation(const DriftMonitor& monitor) {
-  const auto onset = monitor.first_sign();
+  const auto onset = monitor.onset();
   const auto estimate = monitor.misalignment();
   if (!onset || *onset == Timestamp::min() || !estimate) return std::nullopt;
   Expectation expected{.delta = estimate->delta, .covariance = estimate->covariance};
@@ -40,7 +40,7 @@ std::size_t PairPipeline::wanted_frames() const {
 
 /// Those from after the onset of drift; all when there is none.
 std::vector<const FeatureSet*> PairPipeline::eligible_frames(const PairState& state) const {
-  const Timestamp from = DriftMonitor(settings_.drift, state.drift).first_sign().value_or(Timestamp::min());
+  const Timestamp from = DriftMonitor(settings_.drift, state.drift).onset().value_or(Timestamp::min());
   std::vector<const FeatureSet*> frames;
   for (const auto& features : state.run.frames)
     if (features->stamp >= from) frames.push_back(features.get());
@@ -81,7 +81,7 @@ void PairPipeline::count_refusal(PairState& state) const {
 RecalibrationSettings PairPipeline::recalibration_settings(const PairState& state) const {
   const DriftMonitor monitor(settings_.drift, state.drift);
   RecalibrationSettings settings{.bounds = settings_.bounds, .translation = !settings_.monocular_depth};
-  if (!monitor.first_sign()) {
+  if (!monitor.onset()) {
     settings.min_change_rotation_rad = settings_.drift.max_bias_rotation_rad;
     settings.min_change_translation_m = settings_.drift.max_bias_translation_m;
   }

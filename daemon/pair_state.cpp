@@ -55,10 +55,18 @@ AxisEvidence evidence_from(const json& in) {
   return evidence;
 }
 
-json chart_json(const DriftState::Chart& chart) { return {{"sum", chart.sum}, {"since_ns", chart.since.count()}}; }
+json chart_json(const Cusum& chart) { return {{"sum", chart.sum}, {"since_ns", chart.onset.count()}}; }
 
-DriftState::Chart chart_from(const json& in) {
+Cusum chart_from(const json& in) {
   return {in.at("sum").get<double>(), Timestamp(integer_from<std::int64_t>(in.at("since_ns")))};
+}
+
+/// Calls `visit` with each chart of a state, in the order in which they are written.
+template <typename State, typename Visit>
+void for_each_chart(State& drift, Visit visit) {
+  for (auto& [positive, negative] : drift.charts)
+    for (auto* charts : {&positive, &negative}) visit(charts->rapid), visit(charts->sensitive);
+  visit(drift.loss_charts.rapid), visit(drift.loss_charts.sensitive);
 }
 
 json baseline_json(const DriftBaseline& baseline) {
@@ -98,10 +106,7 @@ DriftBaseline baseline_from(const json& in) {
 json drift_json(const DriftState& drift) {
   json recent = json::array(), charts = json::array();
   for (const AxisEvidence& evidence : drift.recent) recent.push_back(evidence_json(evidence));
-  for (const auto& axis : drift.charts)
-    for (const auto& side : axis)
-      for (const DriftState::Chart& chart : side) charts.push_back(chart_json(chart));
-  for (const DriftState::Chart& chart : drift.peak_charts) charts.push_back(chart_json(chart));
+  for_each_chart(drift, [&](const Cusum& chart) { charts.push_back(chart_json(chart)); });
   return {{"recent", recent},
           {"baseline", baseline_json(drift.baseline)},
           {"charts", charts},
@@ -113,10 +118,7 @@ DriftState drift_from(const json& in) {
   for (const json& evidence : in.at("recent")) drift.recent.push_back(evidence_from(evidence));
   drift.baseline = baseline_from(in.at("baseline"));
   std::size_t next = 0;
-  for (auto& axis : drift.charts)
-    for (auto& side : axis)
-      for (DriftState::Chart& chart : side) chart = chart_from(in.at("charts").at(next++));
-  for (DriftState::Chart& chart : drift.peak_charts) chart = chart_from(in.at("charts").at(next++));
+  for_each_chart(drift, [&](Cusum& chart) { chart = chart_from(in.at("charts").at(next++)); });
   drift.verdict = drift_verdict(integer_from<int>(in.at("verdict")));
   return drift;
 }

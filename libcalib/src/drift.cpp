@@ -1,8 +1,9 @@
 #include "calib/drift.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 
 #include "calib/axis_words.hpp"
@@ -20,10 +21,12 @@ constexpr int least_start_pairs = 6;
 constexpr double start_sigmas = 4;
 /// One median counts for no more than this many standard deviations.
 constexpr double max_deviation = 4;
-/// No median counts for more than this share of a limit; no sum does for more than that one.
-constexpr double max_share = 0.36, max_sum_share = 1.2;
-/// Shares of the limit at which there is a first sign, and a suspicion.
-constexpr double first_sign_share = 0.25, suspect_share = 0.8;
+/// Shares of the limit from which a run of evidence counts, and from which there is a suspicion.
+constexpr double evidence_share = 0.25, suspect_share = 0.8;
+/// Reference values in standard deviations of one pair: a shift of twice as much is found quickest.
+constexpr PerChart<double> own_references{.rapid = 1.5, .sensitive = 0.6};
+/// 6 axes, 2 directions and the loss of the maximum, 2 charts each.
+constexpr int charts = 26;
 /// Pairs within which a shift that is called noticeable is noticed.
 constexpr double noticed_pairs = 50;
 /// What must be noticed within these, and how much of it, to come out of blindness.
@@ -50,17 +53,10 @@ DriftSettings usual_drift_settings(bool depth_is_guessed) {
           .max_bias_translation_m = std::numeric_limits<double>::infinity()};
 }
 
-double cusum_limit(double k, double false_alarms_per_pair) {
-  // Average run length of one one-sided CUSUM of independent normal values: exp(2 k (h + 1.166)) / (2 k^2) (Siegmund
-  // 1985, Eq. 2.56). There are 26 of them.
-  const double run_length = 26 / false_alarms_per_pair;
-  return std::log(2 * k * k * run_length) / (2 * k) - 1.166;
-}
-
 DriftMonitor::DriftMonitor(const DriftSettings& settings, DriftState state)
     : settings_(settings), state_(std::move(state)) {
-  for (std::size_t i = 0; i < limits_.size(); ++i)
-    limits_[i] = cusum_limit(cusum_references[i], settings_.false_alarms_per_pair);
+  const double run_length = charts / settings_.false_alarms_per_pair;
+  limits_ = {cusum_limit(own_references.rapid, run_length), cusum_limit(own_references.sensitive, run_length)};
 }
 
 void DriftMonitor::restart() { state_ = {}; }
@@ -71,61 +67,54 @@ double DriftMonitor::negligible(int axis) const {
          baseline.response(axis, axis) / baseline.spread(axis);
 }
 
-double DriftMonitor::reference(std::size_t chart) const {
-  return cusum_references[chart] + mean_sigmas / std::sqrt(state_.baseline.pairs);
+PerChart<double> DriftMonitor::references() const {
+  const double of_mean = mean_sigmas / std::sqrt(state_.baseline.pairs);
+  return {own_references.rapid + of_mean, own_references.sensitive + of_mean};
 }
 
 /// Half-way between the peak as it was and none, so that scenery of flatter hills is not taken for a knock.
-double DriftMonitor::peak_reference(std::size_t chart) const {
-  const DriftBaseline& baseline = state_.baseline;
-  return std::max(reference(chart), baseline.peak / baseline.peak_spread() / 2);
+PerChart<double> DriftMonitor::loss_references() const {
+  const double half_lost = state_.baseline.peak / state_.baseline.peak_spread() / 2;
+  const auto [rapid, sensitive] = references();
+  return {std::max(rapid, half_lost), std::max(sensitive, half_lost)};
 }
 
 void DriftMonitor::accumulate() {
   if (state_.recent.size() < median_pairs) return;
   const DriftBaseline& baseline = state_.baseline;
   const auto latest = state_.recent.end() - median_pairs;
-  const auto add = [&](DriftState::Chart& chart, double more, double limit) {
-    if (chart.sum <= 0) chart.since = latest[1].stamp;
-    // Two bad pairs make two bad medians at most. Sums are capped, so that a long drift does not take for ever to
-    // clear.
-    chart.sum = std::clamp(chart.sum + std::min(more, max_share * limit), 0.0, max_sum_share * limit);
+  const auto update = [&](Charts& charts, double value, const PerChart<double>& reference) {
+    charts.rapid.update(value - reference.rapid, latest[1].stamp, limits_.rapid);
+    charts.sensitive.update(value - reference.sensitive, latest[1].stamp, limits_.sensitive);
   };
   for (int axis = 0; axis < 6; ++axis) {
     if (!baseline.observable(axis)) continue;
     const double slope = median(latest[0].slope[axis], latest[1].slope[axis], latest[2].slope[axis]);
     const double away = (slope - baseline.slope[axis]) / baseline.spread(axis);
-    for (std::size_t side = 0; side < 2; ++side)
-      for (std::size_t chart = 0; chart < limits_.size(); ++chart) {
-        const double value = std::min((side == 0 ? away : -away) - negligible(axis), max_deviation);
-        add(state_.charts[static_cast<std::size_t>(axis)][side][chart], value - reference(chart), limits_[chart]);
-      }
+    auto& [positive, negative] = state_.charts[static_cast<std::size_t>(axis)];
+    update(positive, std::min(away - negligible(axis), max_deviation), references());
+    update(negative, std::min(-away - negligible(axis), max_deviation), references());
   }
   if (baseline.peak_spread() <= 0) return;
   const double lost = (baseline.peak - median(latest[0].peak, latest[1].peak, latest[2].peak)) / baseline.peak_spread();
-  for (std::size_t chart = 0; chart < limits_.size(); ++chart)
-    add(state_.peak_charts[chart], lost - peak_reference(chart), limits_[chart]);
+  update(state_.loss_charts, lost, loss_references());
+}
+
+double DriftMonitor::share(const Charts& charts) const {
+  return std::max(charts.rapid.share(limits_.rapid), charts.sensitive.share(limits_.sensitive));
 }
 
 double DriftMonitor::evidence(int axis) const {
-  double most = 0;
-  for (const auto& side : state_.charts[static_cast<std::size_t>(axis)])
-    for (std::size_t chart = 0; chart < limits_.size(); ++chart)
-      most = std::max(most, side[chart].sum / limits_[chart]);
-  return most;
+  const auto& [positive, negative] = state_.charts[static_cast<std::size_t>(axis)];
+  return std::max(share(positive), share(negative));
 }
 
-double DriftMonitor::peak_evidence() const {
-  double most = 0;
-  for (std::size_t chart = 0; chart < limits_.size(); ++chart)
-    most = std::max(most, state_.peak_charts[chart].sum / limits_[chart]);
-  return most;
-}
+double DriftMonitor::loss_evidence() const { return share(state_.loss_charts); }
 
-bool DriftMonitor::beyond_hill() const { return peak_evidence() >= first_sign_share; }
+bool DriftMonitor::beyond_hill() const { return loss_evidence() >= evidence_share; }
 
 double DriftMonitor::evidence() const {
-  double most = peak_evidence();
+  double most = loss_evidence();
   for (int axis = 0; axis < 6; ++axis) most = std::max(most, evidence(axis));
   return most;
 }
@@ -142,10 +131,10 @@ bool DriftMonitor::is_usual(const AxisEvidence& evidence) const {
 
 bool DriftMonitor::notices_lost_peak(double pairs) const {
   const DriftBaseline& baseline = state_.baseline;
-  bool notices = false;
-  for (std::size_t chart = 0; chart < limits_.size() && baseline.peak_spread() > 0; ++chart)
-    notices = notices || (baseline.peak / baseline.peak_spread() - peak_reference(chart)) * pairs > limits_[chart];
-  return notices;
+  if (baseline.peak_spread() <= 0) return false;
+  const double lost = baseline.peak / baseline.peak_spread();
+  const auto [rapid, sensitive] = loss_references();
+  return (lost - rapid) * pairs > limits_.rapid || (lost - sensitive) * pairs > limits_.sensitive;
 }
 
 DriftVerdict DriftMonitor::decide() const {
@@ -153,7 +142,7 @@ DriftVerdict DriftMonitor::decide() const {
   const double now = evidence();
   if (now >= 1) return DriftVerdict::drifted;
   // Hysteresis: what was drifted stays so, and what was suspect stays so, until little evidence is left.
-  if (now >= first_sign_share && (before == DriftVerdict::drifted || before == DriftVerdict::suspect)) return before;
+  if (now >= evidence_share && (before == DriftVerdict::drifted || before == DriftVerdict::suspect)) return before;
   if (now >= suspect_share) return DriftVerdict::suspect;
   // Whoever was blind must see clearly before that is taken back.
   const double share = before == DriftVerdict::calibrated ? 1 : clear_share;
@@ -179,14 +168,16 @@ DriftVerdict DriftMonitor::decide_from_start() const {
   return learned() ? now : std::max(now, verdict());
 }
 
-DriftVerdict DriftMonitor::observe(const AxisEvidence& evidence) {
+Result<DriftVerdict> DriftMonitor::observe(const AxisEvidence& evidence) {
+  if (!learned() && !evidence.response)
+    return fail(ErrorCode::sensitivity_missing, "a pair of the baseline needs the response of its slopes to shifts");
   state_.recent.push_back(evidence);
   if (learned()) {
     accumulate();
     state_.verdict = decide();
     if (state_.recent.size() > recent_pairs) {
       const AxisEvidence& oldest = state_.recent.front();
-      if (wants_response() && oldest.response && this->evidence() < first_sign_share && is_usual(oldest))
+      if (wants_response() && oldest.response && this->evidence() < evidence_share && is_usual(oldest))
         state_.baseline.add(oldest);
       state_.recent.pop_front();
     }
@@ -207,8 +198,7 @@ DriftVerdict DriftMonitor::observe(const AxisEvidence& evidence) {
 std::string DriftMonitor::reason() const {
   switch (verdict()) {
     case DriftVerdict::learning:
-      return "learning the baseline: " + std::to_string(state_.baseline.pairs) + " of " +
-             std::to_string(settings_.baseline_pairs) + " pairs";
+      return fmt::format("learning the baseline: {} of {} pairs", state_.baseline.pairs, settings_.baseline_pairs);
     case DriftVerdict::blind:
       return "too unsure to tell: " + least_noticeable() + " could go unnoticed";
     case DriftVerdict::calibrated:
@@ -229,12 +219,8 @@ std::string DriftMonitor::least_noticeable() const {
   for (int axis = 1; axis < 3; ++axis)
     if (noticeable_shift(axis) > noticeable_shift(least)) least = axis;
   const double shift = noticeable_shift(least);
-  char text[96];
-  if (std::isfinite(shift))
-    std::snprintf(text, sizeof text, "%.2f degrees of %s", shift / radians_per_degree, axis_names[least].data());
-  else
-    std::snprintf(text, sizeof text, "any %s", axis_names[least].data());
-  return text;
+  return std::isfinite(shift) ? fmt::format("{:.2f} degrees of {}", shift / radians_per_degree, axis_names[least])
+                              : fmt::format("any {}", axis_names[least]);
 }
 
 /// The axes along which the LiDAR has moved.
@@ -254,26 +240,28 @@ std::string DriftMonitor::moved_axes() const {
 double DriftMonitor::noticeable_shift(int axis) const {
   const DriftBaseline& baseline = state_.baseline;
   if (!learned() || !baseline.observable(axis)) return std::numeric_limits<double>::infinity();
-  double least = std::numeric_limits<double>::infinity();
-  for (std::size_t chart = 0; chart < limits_.size(); ++chart)
-    least = std::min(least, negligible(axis) + reference(chart) + limits_[chart] / noticed_pairs);
+  const auto [rapid, sensitive] = references();
+  const double least = std::min(negligible(axis) + rapid + limits_.rapid / noticed_pairs,
+                                negligible(axis) + sensitive + limits_.sensitive / noticed_pairs);
   return least * baseline.spread(axis) / baseline.response(axis, axis);
 }
 
-std::optional<Timestamp> DriftMonitor::first_sign() const {
+std::optional<Timestamp> DriftMonitor::onset() const {
   if (verdict() != DriftVerdict::suspect && verdict() != DriftVerdict::drifted) return std::nullopt;
   if (!learned()) return Timestamp::min();
-  // A patient sum reaches back into the chance of before; where a quick one speaks too, it knows better.
-  std::optional<Timestamp> first;
-  for (std::size_t chart = 0; chart < limits_.size() && !first; ++chart) {
-    const auto consider = [&](const DriftState::Chart& speaks) {
-      if (speaks.sum >= first_sign_share * limits_[chart] && (!first || speaks.since < *first)) first = speaks.since;
+  const auto earliest = [&](Cusum Charts::* chart, double limit) {
+    std::optional<Timestamp> onset;
+    const auto consider = [&](const Charts& charts) {
+      const Cusum& cusum = charts.*chart;
+      if (cusum.share(limit) >= evidence_share && (!onset || cusum.onset < *onset)) onset = cusum.onset;
     };
-    consider(state_.peak_charts[chart]);
-    for (const auto& axis : state_.charts)
-      for (const auto& side : axis) consider(side[chart]);
-  }
-  return first;
+    consider(state_.loss_charts);
+    for (const auto& [positive, negative] : state_.charts) consider(positive), consider(negative);
+    return onset;
+  };
+  // The run of a sensitive chart may reach back into chance; where a rapid chart has evidence too, its run is shorter.
+  if (const auto rapid = earliest(&Charts::rapid, limits_.rapid)) return rapid;
+  return earliest(&Charts::sensitive, limits_.sensitive);
 }
 
 }  // namespace calib

@@ -95,7 +95,7 @@ std::optional<DriftMonitor::Estimate> DriftMonitor::misalignment() const {
   if (!learned()) return std::nullopt;
   const DriftBaseline& baseline = state_.baseline;
   // Pairs from before the drift began would dilute the estimate.
-  const Timestamp from = first_sign().value_or(Timestamp::min());
+  const Timestamp from = onset().value_or(Timestamp::min());
   const std::size_t first = state_.recent.size() - std::min(state_.recent.size(), estimate_pairs);
   std::array<std::vector<double>, 6> seen;
   for (std::size_t i = first; i < state_.recent.size(); ++i)

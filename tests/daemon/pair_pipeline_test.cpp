@@ -88,7 +88,7 @@ TEST_CASE("a displacement is found and recalibrated from pairs taken since, and 
     REQUIRE(drive.evaluate(loop, drive.pair(last, yaw(-1))));
   REQUIRE(loop.state().verdict == Verdict::drifted);
   CHECK(last <= 26);
-  const Timestamp onset = *loop.monitor().first_sign();
+  const Timestamp onset = *loop.monitor().onset();
   const auto answer = test::require_ok(loop.decide(Recalibrate{.asked_by = "test"}));
   INFO(answer.reason);
   CHECK(answer.decision == Decision::accepted);

@@ -1,8 +1,9 @@
 #include "calib_eval/drift_report.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 namespace calib::eval {
 namespace {
@@ -23,13 +24,6 @@ Json or_null(const std::optional<T>& value) {
   return value ? Json(*value) : Json(nullptr);
 }
 
-template <typename... Values>
-std::string text(const char* format, Values... values) {
-  char buffer[192];
-  std::snprintf(buffer, sizeof buffer, format, values...);
-  return buffer;
-}
-
 const char* name_of(DriftVerdict verdict) {
   switch (verdict) {
     case DriftVerdict::learning:
@@ -46,7 +40,7 @@ const char* name_of(DriftVerdict verdict) {
   return "";
 }
 
-std::string pairs_text(const std::optional<int>& pairs) { return pairs ? text("%d pairs", *pairs) : "never"; }
+std::string pairs_text(const std::optional<int>& pairs) { return pairs ? fmt::format("{} pairs", *pairs) : "never"; }
 
 }  // namespace
 
@@ -101,13 +95,8 @@ void Timeline::add(const DriftMonitor& monitor, bool moved) {
   if (!moved) ++moved_at;
   verdicts.push_back(monitor.verdict());
   std::array<double, 7> now{};
-  const DriftState& state = monitor.state();
-  for (std::size_t chart = 0; chart < cusum_references.size(); ++chart) {
-    const double limit = cusum_limit(cusum_references[chart], monitor.settings().false_alarms_per_pair);
-    for (std::size_t axis = 0; axis < 6; ++axis)
-      for (const auto& side : state.charts[axis]) now[axis] = std::max(now[axis], side[chart].sum / limit);
-    now[6] = std::max(now[6], state.peak_charts[chart].sum / limit);
-  }
+  for (int axis = 0; axis < 6; ++axis) now[static_cast<std::size_t>(axis)] = monitor.evidence(axis);
+  now[6] = monitor.loss_evidence();
   evidence.push_back(now);
 }
 
@@ -180,50 +169,52 @@ Json to_json(const OperatingPoint& point) {
 
 std::string to_text(const std::optional<Sights>& sights) {
   if (!sights) return "no baseline is ever learned from these frames: misalignment is seen from the start\n";
-  std::string lines = text("%-6s  %16s  %17s\n", "axis", "sigma of a pair", "would be noticed");
+  std::string lines = fmt::format("{:<6}  {:>16}  {:>17}\n", "axis", "sigma of a pair", "would be noticed");
   const auto value = [](const std::optional<double>& of, int axis) {
-    return of ? text("%.2f %s", *of, unit_of(axis)) : "not observable";
+    return of ? fmt::format("{:.2f} {}", *of, unit_of(axis)) : "not observable";
   };
   for (int axis = 0; axis < 6; ++axis)
-    lines += text("%-6s  %16s  %17s\n", std::string(axis_names[axis]).c_str(),
-                  value((*sights)[axis].sigma_of_pair, axis).c_str(), value((*sights)[axis].noticeable, axis).c_str());
+    lines += fmt::format("{:<6}  {:>16}  {:>17}\n", std::string(axis_names[axis]),
+                         value((*sights)[axis].sigma_of_pair, axis), value((*sights)[axis].noticeable, axis));
   return lines;
 }
 
 std::string to_text(const NullRun& run) {
   const auto judged = static_cast<double>(run.decisions);
   std::string lines =
-      text("LiDAR in its place: %lld vehicles, %.0f vehicle-weeks, %.3g %% of the pairs with a verdict\n",
-           static_cast<long long>(run.sequences), run.weeks,
-           100 * judged / (judged + static_cast<double>(run.learning + run.blind)));
+      fmt::format("LiDAR in its place: {} vehicles, {:.0f} vehicle-weeks, {:.3g} % of the pairs with a verdict\n",
+                  static_cast<long long>(run.sequences), run.weeks,
+                  100 * judged / (judged + static_cast<double>(run.learning + run.blind)));
   const auto upper = run.upper95_per_1000_weeks();
   if (!upper) return lines + "  no verdict at all: these frames let nothing be judged\n";
-  lines += run.false_alarms == 0 ? text("  no false alarm: at most %.3g in 1000 vehicle-weeks, at 95 %%\n", *upper)
-                                 : text("  %lld false alarms: %.3g in 1000 vehicle-weeks, at most %.3g at 95 %%\n",
-                                        static_cast<long long>(run.false_alarms), *run.per_1000_weeks(), *upper);
+  lines += run.false_alarms == 0
+               ? fmt::format("  no false alarm: at most {:.3g} in 1000 vehicle-weeks, at 95 %\n", *upper)
+               : fmt::format("  {} false alarms: {:.3g} in 1000 vehicle-weeks, at most {:.3g} at 95 %\n",
+                             static_cast<long long>(run.false_alarms), *run.per_1000_weeks(), *upper);
   if (run.from_start > 0)
-    lines += text("  %lld of them before a baseline was learned: the depth's own bias is taken for misalignment\n",
-                  static_cast<long long>(run.from_start));
-  lines +=
-      text("  %.3g false suspects in 1000 vehicle-weeks\n", 1000 * static_cast<double>(run.false_suspects) / run.weeks);
+    lines += fmt::format("  {} of them before a baseline was learned: the depth's own bias is taken for misalignment\n",
+                         static_cast<long long>(run.from_start));
+  lines += fmt::format("  {:.3g} false suspects in 1000 vehicle-weeks\n",
+                       1000 * static_cast<double>(run.false_suspects) / run.weeks);
   return lines;
 }
 
 std::string drift_heading() {
-  return text("%-18s  %12s  %6s  %8s  %12s  %11s  %15s", "LiDAR moved by", "found", "missed", "foretold",
-              "median delay", "95 %", "estimate off by");
+  return fmt::format("{:<18}  {:>12}  {:>6}  {:>8}  {:>12}  {:>11}  {:>15}", "LiDAR moved by", "found", "missed",
+                     "foretold", "median delay", "95 %", "estimate off by");
 }
 
 std::string drift_line(const MovedRuns& runs) {
   const MovedRuns::Summary summary = runs.summarise();
   const std::string moved =
-      text("%-5s  %+.3g %s", std::string(axis_names[runs.axis]).c_str(), runs.magnitude, runs.unit.c_str());
-  if (summary.sequences == 0) return text("%-18s  no baseline is ever learned", moved.c_str());
+      fmt::format("{:<5}  {:+.3g} {}", std::string(axis_names[runs.axis]), runs.magnitude, runs.unit);
+  if (summary.sequences == 0) return fmt::format("{:<18}  no baseline is ever learned", moved);
   const int missed = summary.sequences - summary.detected;
-  return text("%-18s  %12s  %6d  %8d  %12s  %11s  %15s", moved.c_str(),
-              text("%d of %d", summary.detected, summary.sequences).c_str(), missed, summary.foretold,
-              pairs_text(summary.median_delay).c_str(), pairs_text(summary.p95_delay).c_str(),
-              summary.estimate_error ? text("%.2g %s", *summary.estimate_error, unit_of(runs.axis)).c_str() : "-");
+  return fmt::format(
+      "{:<18}  {:>12}  {:6}  {:8}  {:>12}  {:>11}  {:>15}", moved,
+      fmt::format("{} of {}", summary.detected, summary.sequences), missed, summary.foretold,
+      pairs_text(summary.median_delay), pairs_text(summary.p95_delay),
+      summary.estimate_error ? fmt::format("{:.2g} {}", *summary.estimate_error, unit_of(runs.axis)) : "-");
 }
 
 }  // namespace calib::eval

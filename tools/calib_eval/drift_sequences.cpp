@@ -39,7 +39,7 @@ class Journey {
       shown_.response = evidence.response;
     else
       shown_.response.reset();
-    return monitor.observe(shown_);
+    return monitor.observe(shown_).value();  // has a response where one is needed
   }
 
   const std::vector<AxisEvidence>& still_;

@@ -5,6 +5,7 @@
 #include <optional>
 #include <string>
 
+#include "calib/cusum.hpp"
 #include "calib/mutual_information.hpp"
 
 namespace calib {
@@ -98,28 +99,29 @@ struct DriftSettings {
 /// that a rotation to be noticed might not be.
 enum class DriftVerdict { learning, blind, calibrated, suspect, drifted };
 
-/// The two charts of an axis and side: one that finds large shifts at once, one that finds small ones with patience.
-/// Reference values in standard deviations of one pair (a shift of twice as much is found quickest).
-inline constexpr std::array<double, 2> cusum_references{1.5, 0.6};
-/// The sum at which a chart with reference value `k` gives an alarm, so that all charts together give
-/// `false_alarms_per_pair` by chance.
-[[nodiscard]] double cusum_limit(double k, double false_alarms_per_pair);
+/// One value for each of two charts on the same sequence: `rapid` finds large shifts within a few pairs, `sensitive`
+/// finds small ones within many.
+template <typename Value>
+struct PerChart {
+  Value rapid{}, sensitive{};
+  bool operator==(const PerChart&) const = default;
+};
+using Charts = PerChart<Cusum>;
+
+/// The charts of an axis: of shifts in its positive and in its negative direction.
+struct AxisCharts {
+  Charts positive, negative;
+  bool operator==(const AxisCharts&) const = default;
+};
 
 /// What the monitor knows; everything of it survives a restart.
 struct DriftState {
   /// The latest pairs, oldest first. Those with a response are not part of the baseline, or not yet.
   std::deque<AxisEvidence> recent;
   DriftBaseline baseline;
-  /// Cumulative sum of a chart, and the stamp of the first pair of the run of evidence that still counts: when the
-  /// drift began, should it be one.
-  struct Chart {
-    double sum = 0;
-    Timestamp since{};
-  };
-  /// [axis][side: 0 positive, 1 negative][as `cusum_references`]
-  std::array<std::array<std::array<Chart, 2>, 2>, 6> charts{};
-  /// Those of a peak that is lost, as `cusum_references`.
-  std::array<Chart, 2> peak_charts{};
+  std::array<AxisCharts, 6> charts{};
+  /// Those of the loss of the maximum.
+  Charts loss_charts;
   DriftVerdict verdict = DriftVerdict::learning;
 };
 
@@ -135,8 +137,9 @@ class DriftMonitor {
 
   /// Whether the next pair's evidence must have a response: the baseline is still being learned.
   [[nodiscard]] bool wants_response() const { return state_.baseline.pairs < settings_.max_baseline_pairs; }
-  /// Takes the evidence of one pair.
-  DriftVerdict observe(const AxisEvidence& evidence);
+  /// Takes the evidence of one pair. Fails with `sensitivity_missing`, and takes nothing, while there is no baseline
+  /// and `evidence` has no response.
+  Result<DriftVerdict> observe(const AxisEvidence& evidence);
 
   /// A new extrinsic is in force: everything is learned anew.
   void restart();
@@ -163,20 +166,21 @@ class DriftMonitor {
   /// observable. Needs a baseline.
   [[nodiscard]] double noticeable_shift(int axis) const;
   /// Stamp of the pair where the evidence of drift begins; `Timestamp::min()` for an extrinsic wrong from the start.
-  [[nodiscard]] std::optional<Timestamp> first_sign() const;
+  [[nodiscard]] std::optional<Timestamp> onset() const;
+  /// The largest sum of an axis' charts, and of those of the loss of the maximum, as a share of its limit.
+  [[nodiscard]] double evidence(int axis) const;
+  [[nodiscard]] double loss_evidence() const;
   [[nodiscard]] const DriftState& state() const { return state_; }
   [[nodiscard]] const DriftSettings& settings() const { return settings_; }
 
  private:
-  /// The largest sum of an axis' charts, as a share of its limit.
-  [[nodiscard]] double evidence(int axis) const;
   [[nodiscard]] double evidence() const;
-  /// Both in deviations of one pair: the shift of an axis that is not looked for, and a chart's reference value.
+  [[nodiscard]] double share(const Charts& charts) const;
+  /// In deviations of one pair: the shift of an axis that is not looked for, and the charts' reference values.
   [[nodiscard]] double negligible(int axis) const;
-  [[nodiscard]] double reference(std::size_t chart) const;
-  [[nodiscard]] double peak_reference(std::size_t chart) const;
-  /// The largest sum of the peak's charts, as a share of its limit; whether there is a first sign of its loss.
-  [[nodiscard]] double peak_evidence() const;
+  [[nodiscard]] PerChart<double> references() const;
+  [[nodiscard]] PerChart<double> loss_references() const;
+  /// Whether there is evidence of the loss of the maximum.
   [[nodiscard]] bool beyond_hill() const;
   /// Whether a lost peak would be noticed within so many pairs.
   [[nodiscard]] bool notices_lost_peak(double pairs) const;
@@ -188,7 +192,7 @@ class DriftMonitor {
   [[nodiscard]] std::string moved_axes() const;
 
   DriftSettings settings_;
-  std::array<double, 2> limits_;
+  PerChart<double> limits_;
   DriftState state_;
 };
 

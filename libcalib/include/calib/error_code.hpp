@@ -22,8 +22,8 @@ namespace calib {
   /* libcalib: depth and the quality of a pair */                                                                \
   CODE(depth_failed) CODE(few_valid_depth) CODE(image_size_mismatch) CODE(motion) CODE(dark) CODE(saturated)     \
   CODE(low_texture) CODE(standing_still) CODE(low_overlap)                                                       \
-  /* libcalib: search and recalibration */                                                                       \
-  CODE(unknown_objective) CODE(too_few_pairs) CODE(search_failed) CODE(cancelled)                                \
+  /* libcalib: drift, search and recalibration */                                                                \
+  CODE(sensitivity_missing) CODE(unknown_objective) CODE(too_few_pairs) CODE(search_failed) CODE(cancelled)      \
   /* libcalib: signatures, records, store and status */                                                          \
   CODE(bad_key) CODE(bad_name) CODE(key_exists) CODE(key_not_found) CODE(key_not_written) CODE(key_permissions)  \
   CODE(bad_signature) CODE(wrong_key) CODE(broken_chain) CODE(malformed_record) CODE(record_not_found)           \
