@@ -56,7 +56,7 @@ Result<Measurement> PairPipeline::measure(const FramePair& pair, const PairState
   // Depth of the image, where it can be believed.
   auto depth_map = depth.estimate(pair);
   if (!depth_map) return propagate(depth_map);
-  mask_depth(pair.image, settings_.quality.depth_range, *depth_map);
+  if (auto masked = mask_depth(pair.image, settings_.quality.depth_range, *depth_map); !masked) return propagate(masked);
   if (auto usable = check_depth(*depth_map, settings_.quality); !usable) return propagate(usable);
 
   // Ranks of depth and of range, of the points that can come into view.

@@ -1,7 +1,5 @@
 #include "onnx_network.hpp"
 
-#include <malloc.h>
-
 #include <algorithm>
 #include <array>
 #include <cctype>
@@ -135,10 +133,6 @@ Result<void> OnnxNetwork::load() {
 
 void OnnxNetwork::rest() {
   if (!settings_.keep_session) session_.reset();
-#ifdef __GLIBC__
-  // What loading and running leave behind is free, and yet resident: several times the network itself.
-  if (!settings_.memory_arena) malloc_trim(0);
-#endif
 }
 
 Result<void> OnnxNetwork::check_input() {

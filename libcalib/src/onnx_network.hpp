@@ -19,7 +19,7 @@ class OnnxNetwork {
 
   /// Reads the network unless it is there already. Fails with `depth_failed`.
   [[nodiscard]] Result<void> load();
-  /// Until the next `run`: drops the network unless it is to be kept, and gives memory back to the system.
+  /// Until the next `run`: drops the network unless it is to be kept.
   void rest();
 
   /// The network's map for an input of the placement's size, after `load`. Fails with `depth_failed` also where a value

@@ -1,8 +1,9 @@
 #include "calib/quality.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
 
 namespace calib {
@@ -16,12 +17,6 @@ constexpr int flat_reach = 2;
 /// 1 for white, -1 for black, 0 for what holds a measurement.
 int clipped_as(std::uint8_t grey) { return grey >= 254 ? 1 : grey <= 1 ? -1 : 0; }
 
-std::string two_decimals(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.2f", value);
-  return text;
-}
-
 double mean_absolute_difference(const SceneThumbnail& a, const SceneThumbnail& b) {
   double sum = 0;
   for (std::size_t i = 0; i < a.grey.size(); ++i) sum += std::abs(a.grey[i] - b.grey[i]);
@@ -30,7 +25,7 @@ double mean_absolute_difference(const SceneThumbnail& a, const SceneThumbnail& b
 
 /// All refusals by a number read alike.
 Result<void> refuse(ErrorCode code, const char* what, double value, double limit) {
-  return fail(code, std::string(what) + " is " + two_decimals(value) + ", the limit is " + two_decimals(limit));
+  return fail(code, fmt::format("{} is {:.2f}, the limit is {:.2f}", what, value, limit));
 }
 
 }  // namespace
@@ -54,10 +49,9 @@ Result<void> check_pair(const FramePair& pair, const Camera& camera, const Scene
                         const QualityLimits& limits) {
   const Image& image = pair.image;
   if (image.width != camera.width() || image.height != camera.height())
-    return fail(ErrorCode::image_size_mismatch, "the image is " + std::to_string(image.width) + " x " +
-                                                    std::to_string(image.height) + ", the configured camera " +
-                                                    std::to_string(camera.width()) + " x " +
-                                                    std::to_string(camera.height()));
+    return fail(ErrorCode::image_size_mismatch,
+                fmt::format("the image is {} x {}, the configured camera {} x {}", image.width, image.height,
+                            camera.width(), camera.height()));
   if (pair.turn_rate_rad_s) {
     const double apart_s = std::abs(std::chrono::duration<double>(pair.time_difference()).count());
     if (const double turn_rad = apart_s * *pair.turn_rate_rad_s; turn_rad > limits.max_turn_rad)
@@ -86,16 +80,18 @@ Result<void> check_pair(const FramePair& pair, const Camera& camera, const Scene
       return refuse(ErrorCode::standing_still, "grey difference to the last evaluated image", change,
                     limits.min_scene_change);
   if (pair.scan.points.size() < static_cast<std::size_t>(limits.min_points))
-    return fail(ErrorCode::low_overlap, "the scan has only " + std::to_string(pair.scan.points.size()) + " points");
+    return fail(ErrorCode::low_overlap, fmt::format("the scan has only {} points", pair.scan.points.size()));
   return {};
 }
 
-void mask_depth(const Image& image, const DepthRange& range, DepthMap& depth) {
+Result<void> mask_depth(const Image& image, const DepthRange& range, DepthMap& depth) {
+  if (image.width != depth.width || image.height != depth.height)
+    return fail(ErrorCode::image_size_mismatch, fmt::format("depth is {} x {}, its image {} x {}", depth.width,
+                                                            depth.height, image.width, image.height));
   const auto far = static_cast<float>(range.max_m > 0 ? 1 / range.max_m : 0);
   const auto near = range.min_m > 0 ? static_cast<float>(1 / range.min_m) : std::numeric_limits<float>::infinity();
   for (float& inverse : depth.inverse_depth)
     if (!(inverse >= far && inverse <= near)) inverse = DepthMap::no_depth;
-  if (image.width != depth.width || image.height != depth.height) return;
 
   const auto flat = [&](int u, int v) {
     const auto clipped = [&](int x, int y) {
@@ -111,6 +107,7 @@ void mask_depth(const Image& image, const DepthRange& range, DepthMap& depth) {
   for (int v = 0; v < image.height; ++v)
     for (int u = 0; u < image.width; ++u)
       if (flat(u, v)) depth.inverse_depth[static_cast<std::size_t>(v) * depth.width + u] = DepthMap::no_depth;
+  return {};
 }
 
 Result<void> check_depth(const DepthMap& depth, const QualityLimits& limits) {

@@ -171,10 +171,8 @@ WallTime wall_time_from(const std::string& text) {
   return *time;
 }
 
-CalibrationRecord record_from(const json& object) {
-  const std::uint64_t schema = object.at("schema").get_ref<const std::uint64_t&>();
-  require(schema == 1 || schema == 2, "the schema is neither 1 nor 2, which this program knows");
-  const std::size_t field_count = 18 + schema;  // and the baseline, of a record of that decision
+/// What every schema has, in 19 fields; a record of decision `baseline` has one more.
+CalibrationRecord common_fields_from(const json& object) {
   CalibrationRecord record;
   record.vehicle = text_at(object, "vehicle");
   record.pair = text_at(object, "pair");
@@ -187,20 +185,49 @@ CalibrationRecord record_from(const json& object) {
   record.T_camera_lidar_before = strict_transform_from(object.at("T_camera_lidar_before"));
   if (const json& sigma = object.at("sigma"); !sigma.is_null()) record.sigma = sigma_from(sigma);
   if (const json& score = object.at("score"); !score.is_null()) record.score = score_from(score);
-  const bool of_baseline = record.decision == Decision::baseline;
-  if (of_baseline) record.baseline = baseline_from(object.at("baseline"));
+  if (record.decision == Decision::baseline) record.baseline = baseline_from(object.at("baseline"));
   for (const json& stamp : object.at("frame_stamps_ns").get_ref<const json::array_t&>())
     record.frame_stamps_ns.push_back(nanoseconds_from(stamp.get_ref<const std::string&>()));
   record.configuration_sha256 = sha256_at(object, "configuration_sha256");
   record.software_version = text_at(object, "software_version");
   record.software_sha256 = sha256_at(object, "software_sha256");
-  if (schema == 2) record.evidence_sha256 = sha256_at(object, "evidence_sha256");
   record.wall_time = wall_time_from(text_at(object, "wall_time"));
   record.boot_id = text_at(object, "boot_id");
   record.boot_time = std::chrono::nanoseconds(nanoseconds_from(text_at(object, "boot_time_ns")));
-  require(object.size() == field_count + of_baseline, "the record has a field that it should not have");
   require(record.sequence > 0, "sequence counts from 1");
   return record;
+}
+
+void require_fields(const json& object, const CalibrationRecord& record, std::size_t fields) {
+  require(object.size() == fields + record.baseline.has_value(), "the record has a field that it should not have");
+}
+
+CalibrationRecord schema_1_from(const json& object) {
+  CalibrationRecord record = common_fields_from(object);
+  require_fields(object, record, 19);
+  return record;
+}
+
+CalibrationRecord schema_2_from(const json& object) {
+  CalibrationRecord record = common_fields_from(object);
+  record.evidence_sha256 = sha256_at(object, "evidence_sha256");
+  require_fields(object, record, 20);
+  return record;
+}
+
+/// The reader of each schema. A new schema adds a line; the readers before it stay as they are, for records that are
+/// signed already.
+constexpr struct {
+  std::uint64_t schema;
+  CalibrationRecord (*read)(const json& object);
+} readers[] = {{1, schema_1_from}, {2, schema_2_from}};
+
+CalibrationRecord record_from(const json& object) {
+  const std::uint64_t schema = object.at("schema").get_ref<const std::uint64_t&>();
+  for (const auto& reader : readers)
+    if (reader.schema == schema) return reader.read(object);
+  throw std::invalid_argument("it is of schema " + std::to_string(schema) + ", and this program knows 1 to " +
+                              std::to_string(std::rbegin(readers)->schema));
 }
 
 /// minisign's own form, with every part from the record, so that signing it twice gives the same file.

@@ -124,7 +124,7 @@ TEST_CASE("depth out of range, and of places that are blown out or drowned, is m
   depth.inverse_depth[2] = std::numeric_limits<float>::quiet_NaN();
   depth.inverse_depth[3] = DepthMap::no_depth;
   DepthMap masked = depth;
-  mask_depth(pair.image, {0.5, 200}, masked);
+  test::require_ok(mask_depth(pair.image, {0.5, 200}, masked));
   for (const int i : {0, 1, 2, 3}) CHECK(masked.inverse_depth[i] == DepthMap::no_depth);
   const auto at = [&](int u, int v) { return masked.inverse_depth[v * width + u]; };
   CHECK((at(30, 30) == 0 && at(70, 30) == 0));
@@ -132,6 +132,14 @@ TEST_CASE("depth out of range, and of places that are blown out or drowned, is m
   CHECK(masked.valid_share() == Approx(1 - (4 + 2 * 16 * 16) / double{width * height}));
 
   DepthMap relative = depth;
-  mask_depth(pair_of(street).image, {}, relative);
+  test::require_ok(mask_depth(pair_of(street).image, {}, relative));
   CHECK((relative.inverse_depth[0] == 3 && relative.inverse_depth[1] == 0.004F));
+}
+
+TEST_CASE("depth that is not of its image's size is refused, and stays as it is") {
+  const FramePair pair = pair_of(street);
+  const std::vector<float> values(width * (height - 1), 7.0F);
+  DepthMap depth{width, height - 1, values};
+  CHECK(mask_depth(pair.image, {0.5, 200}, depth).error().code == "image_size_mismatch");
+  CHECK(depth.inverse_depth == values);
 }

@@ -93,6 +93,21 @@ TEST_CASE("the canonical bytes of a record are the documented ones") {
   // clang-format on
 }
 
+TEST_CASE("records of earlier schemas are read, one of a later schema is refused by its number") {
+  CalibrationRecord record = full_record();
+  const std::string schema_1 = canonical_bytes(record);
+  record.evidence_sha256 = sha256_hex("evidence");
+  const std::string schema_2 = canonical_bytes(record);
+  CHECK(require_ok(parse_record(schema_1)).evidence_sha256.empty());
+  CHECK(require_ok(parse_record(schema_2)).evidence_sha256 == record.evidence_sha256);
+  for (const std::string number : {"0", "3", "18446744073709551615"}) {
+    const auto refused = parse_record(replaced(schema_2, R"("schema":2)", R"("schema":)" + number));
+    REQUIRE_FALSE(refused);
+    CHECK(refused.error().code == "malformed_record");
+    CHECK_THAT(refused.error().context, ContainsSubstring("of schema " + number + ", and this program knows 1 to 2"));
+  }
+}
+
 TEST_CASE("the digest of the evidence makes it schema 2, and is required there") {
   CalibrationRecord record = full_record();
   record.evidence_sha256 = sha256_hex("evidence");

@@ -1,7 +1,8 @@
 #include "calib_eval/footage.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
-#include <cstdio>
 #include <functional>
 #include <memory>
 #include <mutex>
@@ -127,7 +128,10 @@ Reading read_frame(const FootageOptions& options, const Source& source, Network&
     reading.useless = reading.depth.error();
     return reading;
   }
-  mask_depth(reading.pair->image, {}, *reading.depth);
+  if (const auto masked = mask_depth(reading.pair->image, {}, *reading.depth); !masked) {
+    reading.useless = masked.error();
+    return reading;
+  }
   const auto features = make_features(*reading.pair, *reading.depth, source.camera, source.T_camera_lidar, {});
   if (!features) reading.useless = features.error();
   return reading;
@@ -154,10 +158,8 @@ Result<void> check_source(const FootageOptions& options, const Source& source) {
   constexpr double largest_vehicle_m = 30;
   const double distance_m = source.T_camera_lidar.translation().norm();
   if (distance_m < largest_vehicle_m) return {};
-  char metres[32];
-  std::snprintf(metres, sizeof metres, "%.3g", distance_m);
   return fail(ErrorCode::extrinsic_implausible,
-              "T_camera_lidar sets camera and LiDAR " + std::string(metres) + " m apart: is it in millimetres?");
+              fmt::format("T_camera_lidar sets camera and LiDAR {:.3g} m apart: is it in millimetres?", distance_m));
 }
 
 /// Before frames are blamed for what the extrinsic does. What only the depth speaks against is a remark.
@@ -206,12 +208,11 @@ std::optional<FootageAgreement> agreement_of(const Footage& footage, int threads
 void remark_on_agreement(const FootageOptions& options, Footage& footage) {
   if (!footage.agreement) return;
   const FootageAgreement& agreement = *footage.agreement;
-  char numbers[80];
-  std::snprintf(numbers, sizeof numbers, "(rank correlation %.2f over %zu points)", agreement.rank_correlation,
-                agreement.points);
+  const std::string numbers =
+      fmt::format("(rank correlation {:.2f} over {} points)", agreement.rank_correlation, agreement.points);
   if (!agreement.grows_with_range())
     footage.remarks.push_back("at the recording's own extrinsic the depth does not grow with the LiDAR's range " +
-                              std::string(numbers) + ": " +
+                              numbers + ": " +
                               (options.depth_dir.empty() ? "is the extrinsic" : "are --depth-kind and the extrinsic") +
                               " right, and do images, depth and clouds belong together?");
   else if (!agreement.clouds_belong())

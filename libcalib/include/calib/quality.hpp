@@ -42,7 +42,8 @@ struct SceneThumbnail {
 
 /// Takes depth from the pixels that cannot have any: where it is out of range, and where the image is blown out or
 /// drowned in black over more than a pixel or two, so that whatever stands there was guessed.
-void mask_depth(const Image& image, const DepthRange& range, DepthMap& depth);
+/// Fails with `image_size_mismatch`, and takes nothing, where `depth` is not of the image's size.
+[[nodiscard]] Result<void> mask_depth(const Image& image, const DepthRange& range, DepthMap& depth);
 
 /// `few_valid_depth`.
 [[nodiscard]] Result<void> check_depth(const DepthMap& depth, const QualityLimits& limits);
