@@ -86,7 +86,7 @@ RecalibrationSettings PairPipeline::recalibration_settings(const PairState& stat
     settings.min_change_translation_m = settings_.drift.max_bias_translation_m;
   }
   settings.expected = expectation(monitor);
-  settings.normal = normal_score(monitor, settings_.monocular_depth);
+  settings.baseline_score = normal_score(monitor, settings_.monocular_depth);
   return settings;
 }
 

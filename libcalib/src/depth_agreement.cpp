@@ -20,7 +20,7 @@ std::vector<double> ranks(const std::vector<float>& values) {
   return ranks;
 }
 
-/// Zero where one side does not vary: then it says nothing.
+/// Zero where one side does not vary, and carries no information.
 double correlation(const std::vector<double>& a, const std::vector<double>& b) {
   const double mean = 0.5 * static_cast<double>(a.size() - 1);  // of ranks, always
   double ab = 0, aa = 0, bb = 0;

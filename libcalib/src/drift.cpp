@@ -11,15 +11,15 @@
 namespace calib {
 namespace {
 
-/// Pairs that are remembered: so long a pair waits, once there is a baseline, before it may be part of it. What is not
-/// noticed by then is no shift.
+/// Pairs that are remembered. Once there is a baseline, a pair enters it only after so many further pairs without
+/// evidence of drift.
 constexpr std::size_t recent_pairs = 24;
 /// Pairs whose median counts.
 constexpr std::size_t median_pairs = 3;
-/// Pairs from which an extrinsic can be said to be wrong from the start, and how sure that must be.
+/// Pairs needed to call an extrinsic wrong from the start, and the significance that this takes.
 constexpr int least_start_pairs = 6;
 constexpr double start_sigmas = 4;
-/// One median counts for no more than this many standard deviations.
+/// A median is clipped to this many standard deviations.
 constexpr double max_deviation = 4;
 /// Shares of the limit from which a run of evidence counts, and from which there is a suspicion.
 constexpr double evidence_share = 0.25, suspect_share = 0.8;
@@ -27,17 +27,18 @@ constexpr double evidence_share = 0.25, suspect_share = 0.8;
 constexpr PerChart<double> own_references{.rapid = 1.5, .sensitive = 0.6};
 /// 6 axes, 2 directions and the loss of the maximum, 2 charts each.
 constexpr int charts = 26;
-/// Pairs within which a shift that is called noticeable is noticed.
-constexpr double noticed_pairs = 50;
-/// What must be noticed within these, and how much of it, to come out of blindness.
+/// Pairs within which a shift of the size of the detection limit is detected.
+constexpr double detection_pairs = 50;
+/// Hysteresis: the share of `must_notice_rotation_rad` and of these pairs below which `blind` ends.
 constexpr double clear_share = 0.8;
-/// What is not sure of the baseline's mean, 1 / sqrt(pairs) deviations, is added to the reference this many times.
+/// The reference values are raised by this many standard errors of the baseline's mean, each 1 / sqrt(pairs)
+/// deviations.
 constexpr double mean_sigmas = 1.5;
 
 double median(double a, double b, double c) { return std::max(std::min(a, b), std::min(std::max(a, b), c)); }
 
-/// How far beyond the bias of a depth source the optimum lies along an axis, in standard errors. Where there is no hill
-/// at all, any significant slope counts: then the extrinsic is far off.
+/// How far beyond the bias of a depth source the optimum lies along an axis, in standard errors. Where there is no
+/// maximum nearby any significant slope counts: then the extrinsic is far off.
 double start_misalignment(const DriftBaseline& seen, int axis, double max_bias) {
   const double slope_error = std::sqrt(seen.slope_products(axis, axis) / (seen.pairs - 1) / seen.pairs);
   if (slope_error <= 0 || !std::isfinite(max_bias)) return 0;
@@ -72,7 +73,8 @@ PerChart<double> DriftMonitor::references() const {
   return {own_references.rapid + of_mean, own_references.sensitive + of_mean};
 }
 
-/// Half-way between the peak as it was and none, so that scenery of flatter hills is not taken for a knock.
+/// Half-way between the prominence of the baseline and none, so that scenes of less prominence are not taken for a
+/// displacement.
 PerChart<double> DriftMonitor::loss_references() const {
   const double half_lost = state_.baseline.peak / state_.baseline.peak_spread() / 2;
   const auto [rapid, sensitive] = references();
@@ -111,7 +113,7 @@ double DriftMonitor::evidence(int axis) const {
 
 double DriftMonitor::loss_evidence() const { return share(state_.loss_charts); }
 
-bool DriftMonitor::beyond_hill() const { return loss_evidence() >= evidence_share; }
+bool DriftMonitor::maximum_is_lost() const { return loss_evidence() >= evidence_share; }
 
 double DriftMonitor::evidence() const {
   double most = loss_evidence();
@@ -119,8 +121,8 @@ double DriftMonitor::evidence() const {
   return most;
 }
 
-/// One bad frame must not widen the spread so far that a drift after it is not seen.
-bool DriftMonitor::is_usual(const AxisEvidence& evidence) const {
+/// An outlier must not widen the baseline's spread so far that a later drift goes undetected.
+bool DriftMonitor::is_outlier_free(const AxisEvidence& evidence) const {
   for (int axis = 0; axis < 6; ++axis) {
     const double spread = state_.baseline.spread(axis);
     if (spread > 0 && std::abs(evidence.slope[axis] - state_.baseline.slope[axis]) > max_deviation * spread)
@@ -129,7 +131,7 @@ bool DriftMonitor::is_usual(const AxisEvidence& evidence) const {
   return std::abs(evidence.peak - state_.baseline.peak) <= max_deviation * state_.baseline.peak_spread();
 }
 
-bool DriftMonitor::notices_lost_peak(double pairs) const {
+bool DriftMonitor::detects_lost_maximum(double pairs) const {
   const DriftBaseline& baseline = state_.baseline;
   if (baseline.peak_spread() <= 0) return false;
   const double lost = baseline.peak / baseline.peak_spread();
@@ -144,15 +146,15 @@ DriftVerdict DriftMonitor::decide() const {
   // Hysteresis: what was drifted stays so, and what was suspect stays so, until little evidence is left.
   if (now >= evidence_share && (before == DriftVerdict::drifted || before == DriftVerdict::suspect)) return before;
   if (now >= suspect_share) return DriftVerdict::suspect;
-  // Whoever was blind must see clearly before that is taken back.
+  // Hysteresis here too: it takes a clear margin to call the detection power sufficient again.
   const double share = before == DriftVerdict::calibrated ? 1 : clear_share;
-  if (!notices_lost_peak(share * noticed_pairs)) return DriftVerdict::blind;
+  if (!detects_lost_maximum(share * detection_pairs)) return DriftVerdict::blind;
   for (int axis = 0; axis < 3; ++axis)
     if (noticeable_shift(axis) > share * settings_.must_notice_rotation_rad) return DriftVerdict::blind;
   return DriftVerdict::calibrated;
 }
 
-/// The verdict while the baseline is not known yet.
+/// The verdict while there is no baseline.
 DriftVerdict DriftMonitor::decide_from_start() const {
   const DriftBaseline& seen = state_.baseline;
   if (seen.pairs < least_start_pairs) return verdict();
@@ -164,7 +166,7 @@ DriftVerdict DriftMonitor::decide_from_start() const {
   const DriftVerdict now = sigmas >= start_sigmas       ? DriftVerdict::drifted
                            : sigmas >= start_sigmas / 2 ? DriftVerdict::suspect
                                                         : DriftVerdict::learning;
-  // What was said is taken back by as many pairs as make a baseline, not by the first few.
+  // It takes as many pairs as a baseline to withdraw a verdict, not the first few.
   return learned() ? now : std::max(now, verdict());
 }
 
@@ -177,7 +179,7 @@ Result<DriftVerdict> DriftMonitor::observe(const AxisEvidence& evidence) {
     state_.verdict = decide();
     if (state_.recent.size() > recent_pairs) {
       const AxisEvidence& oldest = state_.recent.front();
-      if (wants_response() && oldest.response && this->evidence() < evidence_share && is_usual(oldest))
+      if (wants_response() && oldest.response && this->evidence() < evidence_share && is_outlier_free(oldest))
         state_.baseline.add(oldest);
       state_.recent.pop_front();
     }
@@ -191,7 +193,7 @@ Result<DriftVerdict> DriftMonitor::observe(const AxisEvidence& evidence) {
   if (state_.verdict == DriftVerdict::learning)
     state_.verdict = decide();
   else
-    state_.baseline = {};  // nothing is learned from pairs that already speak of misalignment
+    state_.baseline = {};  // pairs with evidence of misalignment make no baseline
   return verdict();
 }
 
@@ -200,7 +202,7 @@ std::string DriftMonitor::reason() const {
     case DriftVerdict::learning:
       return fmt::format("learning the baseline: {} of {} pairs", state_.baseline.pairs, settings_.baseline_pairs);
     case DriftVerdict::blind:
-      return "too unsure to tell: " + least_noticeable() + " could go unnoticed";
+      return "insufficient detection power: " + least_detectable() + " could go unnoticed";
     case DriftVerdict::calibrated:
       return "the extrinsic is where it was when it was accepted";
     case DriftVerdict::suspect:
@@ -211,10 +213,10 @@ std::string DriftMonitor::reason() const {
   return "the LiDAR seems to have moved" + moved_axes();
 }
 
-/// The rotation that is least likely to be noticed.
-std::string DriftMonitor::least_noticeable() const {
-  if (!notices_lost_peak(clear_share * noticed_pairs))
-    return "the extrinsic hardly scores better than its neighbours, so that even a large knock";
+/// The rotation with the largest detection limit, in words.
+std::string DriftMonitor::least_detectable() const {
+  if (!detects_lost_maximum(clear_share * detection_pairs))
+    return "the extrinsic hardly scores better than its neighbours; even a large displacement";
   int least = 0;
   for (int axis = 1; axis < 3; ++axis)
     if (noticeable_shift(axis) > noticeable_shift(least)) least = axis;
@@ -230,10 +232,10 @@ std::string DriftMonitor::moved_axes() const {
   for (int axis = 0; estimate && axis < 6; ++axis) {
     if (estimate->delta[axis] == 0) continue;
     words += (words.empty() ? ": " : "; ") + std::string(axis_names[axis]) + " ";
-    words += beyond_hill() ? motion_in_words(axis, estimate->delta[axis]) + " or more"
-                           : motion_in_words(axis, estimate->delta[axis], estimate->sigma()[axis]);
+    words += maximum_is_lost() ? motion_in_words(axis, estimate->delta[axis]) + " or more"
+                               : motion_in_words(axis, estimate->delta[axis], estimate->sigma()[axis]);
   }
-  if (words.empty()) return beyond_hill() ? ", too far to tell where to" : ", where to is not sure yet";
+  if (words.empty()) return maximum_is_lost() ? ", too far to estimate where to" : "; where to is not significant yet";
   return words;
 }
 
@@ -241,8 +243,8 @@ double DriftMonitor::noticeable_shift(int axis) const {
   const DriftBaseline& baseline = state_.baseline;
   if (!learned() || !baseline.observable(axis)) return std::numeric_limits<double>::infinity();
   const auto [rapid, sensitive] = references();
-  const double least = std::min(negligible(axis) + rapid + limits_.rapid / noticed_pairs,
-                                negligible(axis) + sensitive + limits_.sensitive / noticed_pairs);
+  const double least = std::min(negligible(axis) + rapid + limits_.rapid / detection_pairs,
+                                negligible(axis) + sensitive + limits_.sensitive / detection_pairs);
   return least * baseline.spread(axis) / baseline.response(axis, axis);
 }
 

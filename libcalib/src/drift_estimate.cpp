@@ -11,12 +11,12 @@ namespace {
 /// Pairs that the present misalignment is estimated from.
 constexpr std::size_t estimate_pairs = 12;
 constexpr int least_estimate_pairs = 3;
-/// An axis is said to have moved when that explains as much.
-constexpr double sure_sigmas = 3;
-/// Slopes answer to a shift in proportion, give or take this share.
+/// An axis is taken to have moved when that explains as much.
+constexpr double significant_sigmas = 3;
+/// Slopes change in proportion to a shift up to a relative error of this share.
 constexpr double nonlinear_share = 0.1;
-/// So much better must a translation explain the slopes than a rotation would, in squared standard deviations.
-constexpr double slide_penalty = 1;
+/// A translation must explain the slopes better than a rotation by so much, in squared standard deviations.
+constexpr double translation_penalty = 1;
 /// Variance of the median of many normal values, in that of their mean.
 constexpr double median_variance = 1.57;
 
@@ -30,13 +30,13 @@ double median(std::vector<double> values) {
 using Axes = std::array<bool, 6>;
 constexpr Axes all_axes{true, true, true, true, true, true};
 
-/// Slopes that are `away` from what is normal, to be explained by shifts with a standard normal prior that the slopes
-/// answer to by `response`.
+/// Slopes that are `away` from the baseline, to be explained by shifts with a standard normal prior; `response` is the
+/// change of the slopes with the shifts.
 struct Explanation {
   Vector6 away = Vector6::Zero();
   Matrix6 response = Matrix6::Zero(), information = Matrix6::Zero();
 
-  /// Inverse covariance of the shifts when only these axes may move; the others stay as sure as the prior.
+  /// Inverse covariance of the shifts when only these axes may move; the others keep that of the prior.
   [[nodiscard]] Matrix6 precision(const Axes& moved) const {
     Matrix6 of_moved = response;
     for (int axis = 0; axis < 6; ++axis)
@@ -49,34 +49,35 @@ struct Explanation {
       if (!moved[static_cast<std::size_t>(axis)]) pull[axis] = 0;
     return precision(moved).ldlt().solve(pull);
   }
-  /// What stays unexplained, in squared standard deviations.
+  /// The residual, in squared standard deviations.
   [[nodiscard]] double misfit(const Axes& moved) const {
     const Vector6 x = shift(moved), left = away - response * x;
     return left.dot(information * left) + x.squaredNorm();
   }
 
-  /// Each axis by its own slope where that is sure. Beyond the hill slopes no longer add up, but their signs hold.
+  /// Each axis by its own slope where that is significant. Outside the basin slopes do not add up, but their signs
+  /// hold.
   [[nodiscard]] Vector6 each_alone() const {
     Vector6 shifts = Vector6::Zero();
     for (int axis = 0; axis < 6; ++axis)
-      if (response(axis, axis) > 0 && std::abs(away[axis]) > sure_sigmas)
+      if (response(axis, axis) > 0 && std::abs(away[axis]) > significant_sigmas)
         shifts[axis] = away[axis] / response(axis, axis);
     return shifts;
   }
 
-  /// Axis after axis, the one that explains most, as long as one explains something for sure.
+  /// Forward selection: axis after axis the one that explains most, as long as the gain is significant.
   [[nodiscard]] Vector6 simplest() const {
     Axes moved{};
     double misfit_before = misfit(moved);
     while (moved != all_axes) {
       std::optional<std::size_t> best;
-      double least = misfit_before - sure_sigmas * sure_sigmas;
+      double least = misfit_before - significant_sigmas * significant_sigmas;
       for (std::size_t axis = 0; axis < 6; ++axis) {
         if (moved[axis]) continue;
         Axes with = moved;
         with[axis] = true;
-        // A mount bends sooner than it slides.
-        if (const double left = misfit(with) + (axis < 3 ? 0 : slide_penalty); left < least) {
+        // A mount bends more easily than it slides.
+        if (const double left = misfit(with) + (axis < 3 ? 0 : translation_penalty); left < least) {
           least = left;
           best = axis;
         }
@@ -121,10 +122,10 @@ std::optional<DriftMonitor::Estimate> DriftMonitor::misalignment() const {
                         Matrix6(curved.cwiseAbs2().asDiagonal()) + 1e-9 * Matrix6::Identity();
   problem.information = noise.inverse();
   const Vector6 farthest = 2 * prior;
-  Estimate estimate{prior.cwiseProduct(beyond_hill() ? problem.each_alone() : problem.simplest()),
+  Estimate estimate{prior.cwiseProduct(maximum_is_lost() ? problem.each_alone() : problem.simplest()),
                     prior.asDiagonal() * problem.precision(all_axes).inverse() * prior.asDiagonal()};
   estimate.delta = estimate.delta.cwiseMax(-farthest).cwiseMin(farthest);
-  if (beyond_hill()) estimate.covariance = farthest.cwiseAbs2().asDiagonal();
+  if (maximum_is_lost()) estimate.covariance = farthest.cwiseAbs2().asDiagonal();
   return estimate;
 }
 

@@ -6,21 +6,22 @@
 namespace calib {
 namespace {
 
-/// An axis is observable when its mean response is this many standard errors above zero.
+/// An axis is observable when its mean sensitivity is this many standard errors above zero.
 constexpr double observable_sigmas = 3;
-/// Of consecutive pairs; what looks like more is a trend.
+/// Of consecutive pairs; a larger estimate is a trend.
 constexpr double max_correlation = 0.6;
 
-/// Half widths of the shifts that a response is measured with: those that must be told apart.
-constexpr StencilStep response_shift{.rotation_rad = 0.4 * radians_per_degree, .translation_m = 0.1};
+/// Half widths of the shifts that the sensitivity is measured with: as large as the shifts that must be detected.
+constexpr StencilStep sensitivity_shift{.rotation_rad = 0.4 * radians_per_degree, .translation_m = 0.1};
 
 double deviation(double sum_of_squares, int count) { return count < 2 ? 0 : std::sqrt(sum_of_squares / (count - 1)); }
 
-/// Standard deviation of one of `count` values as it counts in long sums.
+/// Standard deviation of one of `count` values as it contributes to long sums.
 double long_deviation(double sum_of_squares, double lagged_products, int count) {
   if (count < 2 || sum_of_squares <= 0) return 0;
   const double correlation = std::clamp(lagged_products / sum_of_squares, 0.0, max_correlation);
-  // It is itself unsure by 1 / sqrt(2 n) of it: two of these more, for too small a one would raise false alarms.
+  // Its own relative standard error is 1 / sqrt(2 n). Two of these are added: too small a deviation raises false
+  // alarms.
   return deviation(sum_of_squares, count) * (1 + 2 / std::sqrt(2.0 * count)) *
          std::sqrt((1 + correlation) / (1 - correlation));
 }
@@ -58,9 +59,9 @@ Matrix6 evaluate_response(const FeatureSet& frame, const RigidTransform& T_camer
   };
   Matrix6 response;
   for (int axis = 0; axis < 6; ++axis) {
-    // Seen from its own data, a LiDAR that has moved forward is an extrinsic that has stayed behind.
-    const Vector6 shift = Vector6::Unit(axis) * response_shift.of_axis(axis);
-    response.col(axis) = (slope(-shift) - slope(shift)) / (2 * response_shift.of_axis(axis));
+    // For the LiDAR's own data, a LiDAR that has moved forward is an extrinsic that lies behind it.
+    const Vector6 shift = Vector6::Unit(axis) * sensitivity_shift.of_axis(axis);
+    response.col(axis) = (slope(-shift) - slope(shift)) / (2 * sensitivity_shift.of_axis(axis));
   }
   return response;
 }
@@ -73,12 +74,12 @@ void DriftBaseline::add(const AxisEvidence& evidence) {
   slope_products += before * away.transpose();
   if (pairs > 1) lagged_products += away.cwiseProduct(latest_slope - slope);
   latest_slope = evidence.slope;
-  const Matrix6 response_before = *evidence.response - response;
-  response += response_before / pairs;
-  response_squares += response_before.diagonal().cwiseProduct((*evidence.response - response).diagonal());
-  const double peak_before = evidence.peak - peak;
-  peak += peak_before / pairs;
-  peak_squares += peak_before * (evidence.peak - peak);
+  const Matrix6 sensitivity_before = *evidence.response - response;
+  response += sensitivity_before / pairs;
+  response_squares += sensitivity_before.diagonal().cwiseProduct((*evidence.response - response).diagonal());
+  const double prominence_before = evidence.peak - peak;
+  peak += prominence_before / pairs;
+  peak_squares += prominence_before * (evidence.peak - peak);
   if (pairs > 1) lagged_peaks += (evidence.peak - peak) * (latest_peak - peak);
   latest_peak = evidence.peak;
   const double score_before = evidence.score - score;

@@ -95,7 +95,7 @@ void classify(const std::vector<float>& values, int width, const Window& window,
     sample.push_back(values[i]);
     next += stride;
   });
-  if (sample.size() < 64) return;  // too few to tell anything
+  if (sample.size() < 64) return;  // too few for ranks
   const Classifier class_of(limits_of(std::move(sample)));
   each([&](std::size_t i) { plane[i] = class_of(values[i]); });
 }
@@ -125,7 +125,7 @@ std::vector<std::uint8_t> classes(const std::vector<float>& values, Limits limit
   return result;
 }
 
-/// What the camera says of each pixel of the grid; NaN where it says nothing.
+/// The camera's values at each pixel of the grid; NaN where it has none.
 struct Resampled {
   std::vector<float> distance;  // negative inverse distance along the ray, which grows with it
   std::vector<float> depth;     // along the optical axis, up to scale
@@ -253,7 +253,7 @@ void take_points(const LidarScan& scan, const RigidTransform& T_camera_lidar, co
   features.reflectance_linear = classes(reflectance, equal_width_limits);
 }
 
-/// How many points land on pixels with depth.
+/// How many points project to pixels with depth.
 int points_on_depth(const FeatureSet& features, const RigidTransform& T_camera_lidar) {
   const BearingGrid& grid = features.planes->grid;
   int count = 0;

@@ -52,7 +52,7 @@ bool write_new(const std::string& file, std::string_view bytes) {
   Descriptor out{::open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666)};
   if (out.number < 0 || !write_all(out.number, bytes)) return false;
   const int number = std::exchange(out.number, -1);
-  return ::close(number) == 0;  // where some file systems tell that the disk is full
+  return ::close(number) == 0;  // where some file systems report that the disk is full
 }
 
 }  // namespace

@@ -21,7 +21,8 @@ using Counts = hn::CappedTag<std::uint32_t, 16>;
 
 /// Appends those of a vector of points that are in view, of which `known` are points at all.
 HWY_INLINE void project_vector(const float* x_m, const float* y_m, const float* z_m, std::size_t first,
-                               std::size_t known, const Projection& projection, bool with_tiles, Landed& landed) {
+                               std::size_t known, const Projection& projection, bool with_tiles,
+                               ProjectedPoints& projected) {
   const Floats f;
   const Ints ints;
   const auto& T = projection.T_camera_lidar;
@@ -51,12 +52,12 @@ HWY_INLINE void project_vector(const float* x_m, const float* y_m, const float* 
   const auto u_seen = hn::IfThenElseZero(in_view, u), v_seen = hn::IfThenElseZero(in_view, v);
   const auto column = hn::ConvertTo(ints, u_seen), line = hn::ConvertTo(ints, v_seen);
   const auto place = hn::Add(hn::Mul(line, hn::Set(ints, grid.width)), column);
-  const std::size_t end = landed.count;
-  landed.count += hn::CountTrue(ints, seen);
+  const std::size_t end = projected.count;
+  projected.count += hn::CountTrue(ints, seen);
   // Not CompressStore: some processors are very slow at it.
   const auto append = [&](auto values, auto& to) HWY_ATTR { hn::StoreU(hn::Compress(values, seen), ints, &to[end]); };
-  append(place, landed.pixel);
-  append(hn::Iota(ints, static_cast<std::int32_t>(first)), landed.point);
+  append(place, projected.pixel);
+  append(hn::Iota(ints, static_cast<std::int32_t>(first)), projected.point);
   if (!with_tiles) return;
   const auto tile_of = [&](auto pixel, int tiles, int extent) HWY_ATTR {
     const auto scale = hn::Set(f, static_cast<float>(tiles) / static_cast<float>(extent));
@@ -65,18 +66,19 @@ HWY_INLINE void project_vector(const float* x_m, const float* y_m, const float* 
   };
   const auto across = tile_of(column, FeatureSet::tile_columns, grid.width);
   const auto down = tile_of(line, FeatureSet::tile_rows, grid.height);
-  append(hn::Add(hn::Mul(down, hn::Set(ints, FeatureSet::tile_columns)), across), landed.tile);
+  append(hn::Add(hn::Mul(down, hn::Set(ints, FeatureSet::tile_columns)), across), projected.tile);
 }
 
 void Project(const FeatureSet& features, std::size_t first, std::size_t count, const Projection& projection,
-             bool with_tiles, Landed& landed) {
+             bool with_tiles, ProjectedPoints& projected) {
   constexpr std::size_t most_lanes = HWY_MAX_BYTES / sizeof(float);
-  static_assert(most_lanes <= Landed::slack);
+  static_assert(most_lanes <= ProjectedPoints::slack);
   const std::size_t lanes = hn::Lanes(Floats());
   const float *x = &features.x_m[first], *y = &features.y_m[first], *z = &features.z_m[first];
-  landed.count = 0;
+  projected.count = 0;
   std::size_t i = 0;
-  for (; i + lanes <= count; i += lanes) project_vector(x + i, y + i, z + i, i, lanes, projection, with_tiles, landed);
+  for (; i + lanes <= count; i += lanes)
+    project_vector(x + i, y + i, z + i, i, lanes, projection, with_tiles, projected);
   if (i == count) return;
   float rest[3][most_lanes] = {};
   for (std::size_t k = i; k < count; ++k) {
@@ -84,7 +86,7 @@ void Project(const FeatureSet& features, std::size_t first, std::size_t count, c
     rest[1][k - i] = y[k];
     rest[2][k - i] = z[k];
   }
-  project_vector(rest[0], rest[1], rest[2], i, count - i, projection, with_tiles, landed);
+  project_vector(rest[0], rest[1], rest[2], i, count - i, projection, with_tiles, projected);
 }
 
 /// Sum of x log x.
@@ -168,28 +170,29 @@ HWY_EXPORT(SumsOfTable);
 HWY_EXPORT(TargetName);
 
 void project(const FeatureSet& features, std::size_t first, std::size_t count, const Projection& projection,
-             bool with_tiles, Landed& landed) {
-  HWY_DYNAMIC_DISPATCH(Project)(features, first, count, projection, with_tiles, landed);
+             bool with_tiles, ProjectedPoints& projected) {
+  HWY_DYNAMIC_DISPATCH(Project)(features, first, count, projection, with_tiles, projected);
 }
 
 namespace {
 template <bool tiled>
-void count_all(const Landed& landed, const std::uint8_t* row_ranks, const CountsShape shape, std::uint32_t* counts) {
-  for (std::size_t i = 0; i < landed.count; ++i) {
-    int cell = row_ranks[landed.point[i]] >> shape.class_shift << shape.row_shift;
-    cell |= landed.value[i] >> shape.value_shift & shape.value_mask;
-    if constexpr (tiled) cell |= landed.tile[i] << shape.table_shift;
+void count_all(const ProjectedPoints& projected, const std::uint8_t* row_ranks, const CountsShape shape,
+               std::uint32_t* counts) {
+  for (std::size_t i = 0; i < projected.count; ++i) {
+    int cell = row_ranks[projected.point[i]] >> shape.class_shift << shape.row_shift;
+    cell |= projected.value[i] >> shape.value_shift & shape.value_mask;
+    if constexpr (tiled) cell |= projected.tile[i] << shape.table_shift;
     ++counts[cell];
   }
 }
 }  // namespace
 
-void count(const Landed& landed, const std::uint8_t* row_ranks, const CountsShape& shape, bool tiled,
+void count(const ProjectedPoints& projected, const std::uint8_t* row_ranks, const CountsShape& shape, bool tiled,
            std::uint32_t* counts) {
   if (tiled)
-    count_all<true>(landed, row_ranks, shape, counts);
+    count_all<true>(projected, row_ranks, shape, counts);
   else
-    count_all<false>(landed, row_ranks, shape, counts);
+    count_all<false>(projected, row_ranks, shape, counts);
 }
 
 TableSums sums_of_table(const std::uint32_t* counts, std::size_t classes, std::size_t length, bool smoothed) {

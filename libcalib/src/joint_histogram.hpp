@@ -12,7 +12,7 @@
 namespace calib {
 
 /// The points of a block that are in view.
-struct Landed {
+struct ProjectedPoints {
   static constexpr std::size_t capacity = 1024, slack = 64;  // whole vectors are written
   std::size_t count = 0;
   alignas(64) std::array<std::int32_t, capacity + slack> point;  // counted from the block's first
@@ -22,7 +22,7 @@ struct Landed {
 };
 
 /// Joint counts: rows are classes of the points' feature, columns of the pixels'. The last column takes the points that
-/// landed on no value. With tiles there is one such table per tile, one after the other.
+/// project to a pixel without a value. With tiles there is one such table per tile, one after the other.
 struct CountsShape {
   int class_shift;  // a point's class is rank >> class_shift
   int value_shift;  // a pixel's is value >> value_shift, less the bits that are not of it
@@ -46,22 +46,22 @@ struct TableSums {
   std::uint32_t points = 0;
 };
 
-/// Projects the points `first` .. `first + count`, at most `Landed::capacity` of them.
+/// Projects the points `first` .. `first + count`, at most `ProjectedPoints::capacity` of them.
 void project(const FeatureSet& features, std::size_t first, std::size_t count, const Projection& projection,
-             bool with_tiles, Landed& landed);
+             bool with_tiles, ProjectedPoints& projected);
 
-/// Reads the values of the pixels that the points landed on.
+/// Reads the values of the pixels that the points project to.
 template <typename Value>
-void look_up(const Value* plane, Landed& landed) {
-  constexpr std::size_t ahead = 48;  // a plane is larger than the nearest caches, and where it is read is no pattern
-  for (std::size_t i = 0; i < landed.count; ++i) {
-    hwy::Prefetch(plane + landed.pixel[std::min(i + ahead, landed.count - 1)]);
-    landed.value[i] = plane[landed.pixel[i]];
+void look_up(const Value* plane, ProjectedPoints& projected) {
+  constexpr std::size_t ahead = 48;  // a plane exceeds the nearest caches, and the order of reading has no pattern
+  for (std::size_t i = 0; i < projected.count; ++i) {
+    hwy::Prefetch(plane + projected.pixel[std::min(i + ahead, projected.count - 1)]);
+    projected.value[i] = plane[projected.pixel[i]];
   }
 }
 
 /// Adds the points that were looked up to `counts`; `row_ranks` are the ranks of the block's points.
-void count(const Landed& landed, const std::uint8_t* row_ranks, const CountsShape& shape, bool tiled,
+void count(const ProjectedPoints& projected, const std::uint8_t* row_ranks, const CountsShape& shape, bool tiled,
            std::uint32_t* counts);
 
 /// Of a table of `classes` rows and columns, `length` counts from row to row. Smoothed with [1 2 1] in both directions

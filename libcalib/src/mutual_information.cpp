@@ -13,7 +13,7 @@ namespace {
 
 using Ranks = std::vector<std::uint8_t>;
 
-/// A term, made out for one frame.
+/// A term, resolved for one frame.
 struct Counting {
   Counting(const Term& term, const FeatureSet& frame)
       : classes(FeatureSet::ranks / term.ranks_per_class), tiled(term.features == FeaturePair::tiled_depth) {
@@ -70,7 +70,7 @@ struct Counting {
 
 /// Scratch memory of a thread, kept between calls.
 struct Scratch {
-  Landed landed;
+  ProjectedPoints projected;
   std::vector<Counting> countings;
   std::array<std::vector<std::uint32_t>, 3> counts;
 };
@@ -85,7 +85,7 @@ double information(const simd::TableSums& sums, bool normalised) {
 }
 
 Score score_term(const Term& term, const Counting& counting, const std::vector<std::uint32_t>& counts) {
-  // A tile with fewer points than this says nothing; its points count as knowing nothing.
+  // A tile with fewer points than this carries no information; its points are weighted as such.
   const std::size_t least = counting.tiled ? 30 : min_scored_points;
   const double nothing = term.normalised ? 1 : 0;
   Score sum;
@@ -127,21 +127,21 @@ Score score(const FeatureSet& features, const RigidTransform& T_camera_lidar, co
 
   const Projection projection = projection_of(features, T_camera_lidar);
   const std::size_t total = (features.points() + objective.stride - 1) / objective.stride;
-  for (std::size_t first = 0; first < total; first += Landed::capacity) {
-    const std::size_t count = std::min(Landed::capacity, total - first);
-    simd::project(features, first, count, projection, with_tiles, scratch.landed);
+  for (std::size_t first = 0; first < total; first += ProjectedPoints::capacity) {
+    const std::size_t count = std::min(ProjectedPoints::capacity, total - first);
+    simd::project(features, first, count, projection, with_tiles, scratch.projected);
     const void* looked_up = nullptr;
     for (std::size_t k = 0; k < countings.size(); ++k) {
       const Counting& counting = countings[k];
       if (!counting.possible()) continue;
       if (counting.packed == nullptr) {
-        simd::look_up(counting.plane->data(), scratch.landed);
+        simd::look_up(counting.plane->data(), scratch.projected);
         looked_up = counting.plane;
       } else if (looked_up != counting.packed) {
-        simd::look_up(counting.packed->data(), scratch.landed);
+        simd::look_up(counting.packed->data(), scratch.projected);
         looked_up = counting.packed;
       }
-      simd::count(scratch.landed, counting.rows->data() + first, counting.shape, counting.tiled,
+      simd::count(scratch.projected, counting.rows->data() + first, counting.shape, counting.tiled,
                   scratch.counts[k].data());
     }
   }

@@ -54,7 +54,7 @@ void append_provider(Ort::SessionOptions& options, const std::string& plain) {
   throw Ort::Exception("this ONNX Runtime has " + names, ORT_INVALID_ARGUMENT);
 }
 
-constexpr int any = -1;  // as ONNX Runtime tells sides that may vary
+constexpr int any = -1;  // as ONNX Runtime marks sides that may vary
 
 std::string shape_text(const std::vector<std::int64_t>& shape) {
   std::string text;

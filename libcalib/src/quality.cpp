@@ -11,7 +11,7 @@ namespace {
 
 constexpr int thumbnail_width = 48, thumbnail_height = 24;
 
-/// Pixels at the sensor's limits tell nothing when everything within this reach is at the same limit.
+/// Pixels at the sensor's limits carry no information when everything within this reach is at the same limit.
 constexpr int flat_reach = 2;
 
 /// 1 for white, -1 for black, 0 for what holds a measurement.

@@ -27,12 +27,12 @@ struct Found {
   SearchResult result;
   std::array<bool, 6> released{};
   Uncertainty uncertainty;
-  /// Axes that were to be moved and had to be left, as the frames tell nothing of them.
+  /// Axes that were wanted and are not observable.
   std::array<bool, 6> left{};
 };
 
-/// Searches with the axes `wanted`; again without those that turn out not to be observable. A rotation that ends at its
-/// bound is not among them: it may well have gone further, and is for a gate to refuse.
+/// Searches with the axes `wanted`, then again without those that are not observable. A rotation that ends at its bound
+/// stays free: its optimum may lie further out, which a gate refuses.
 Result<Found> search_observable(Frames fit, const RigidTransform& T, SearchResult first,
                                 const std::array<bool, 6>& wanted, const RecalibrationSettings& how, int& evaluations) {
   const SearchBounds& bounds = how.bounds;
@@ -71,15 +71,15 @@ void add_scores(Recalibration& result, Frames fit, Frames held_back, const Rigid
 /// The first gate's objection.
 Result<Objection> judge(const Candidate& candidate, const Gain& held_back, const RecalibrationSettings& settings,
                         int& evaluations) {
-  if (auto no = hardly_observable(candidate)) return no;
+  if (auto no = insufficient_observability(candidate)) return no;
   if (auto no = outside_bounds(candidate)) return no;
   if (auto no = no_more_than_bias(candidate, settings)) return no;
   if (auto no = not_better(held_back, settings)) return no;
   if (settings.expected)
     if (auto no = contradicts_expectation(candidate, *settings.expected)) return no;
   if (auto no = contradicts_intensity(candidate)) return no;
-  if (settings.normal)
-    if (auto no = score_is_not_normal(candidate, *settings.normal)) return no;
+  if (settings.baseline_score)
+    if (auto no = score_not_restored(candidate, *settings.baseline_score)) return no;
   return not_repeatable(candidate, settings.keep_going, evaluations);
 }
 

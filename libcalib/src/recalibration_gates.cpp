@@ -11,7 +11,8 @@ namespace calib {
 namespace {
 
 constexpr double most_deviations = 3;
-/// Scores that change by less say nothing, however sure the change is: frames that are all alike are always sure.
+/// A smaller change of the score carries no information, however significant it is: frames that are all alike have no
+/// scatter.
 constexpr double negligible_gain = 5e-4;
 /// Scenery changes the information (the score less one) of 20 pairs of one depth source against 20 others by up to 3 %;
 /// a smooth bias of 30 % takes 9 to 16 %.
@@ -58,7 +59,7 @@ std::string in_words(const Vector6& delta, const std::vector<int>& axes) {
   return text;
 }
 
-/// What was expected, for a candidate that left some axes as they were: the expectation given that these did not move.
+/// The expectation for a candidate that did not move all axes: conditional on the others not having moved.
 Expectation given_that_others_rest(const Expectation& expected, const std::array<bool, 6>& moved) {
   std::array<bool, 6> rest{};
   for (int axis = 0; axis < 6; ++axis) rest[axis] = !moved[axis];
@@ -96,11 +97,11 @@ Gain gain(Frames frames, const RigidTransform& before, const RigidTransform& aft
   return result;
 }
 
-Objection hardly_observable(const Candidate& candidate) {
+Objection insufficient_observability(const Candidate& candidate) {
   const auto moved = axes_where(candidate.released);
   const auto rotations = std::ranges::count_if(moved, [](int axis) { return axis < 3; });
   if (rotations >= 2 && moved.size() > axes_where(candidate.left).size()) return {};
-  return "hardly observable: the frames tell of " + std::to_string(moved.size()) + " axes only";
+  return fmt::format("insufficient observability: only {} axes are observable", moved.size());
 }
 
 Objection outside_bounds(const Candidate& candidate) {
@@ -112,7 +113,7 @@ Objection no_more_than_bias(const Candidate& candidate, const RecalibrationSetti
   if (candidate.delta.head<3>().norm() >= settings.min_change_rotation_rad ||
       candidate.delta.tail<3>().norm() > settings.min_change_translation_m)
     return {};
-  return "the change is no larger than the depth source's own bias may be, and there is no sign of drift";
+  return "the change is no larger than the depth source's bias may be, and there is no evidence of drift";
 }
 
 std::string held_back_in_words(const Gain& held_back) {
@@ -126,7 +127,7 @@ Objection not_better(const Gain& held_back, const RecalibrationSettings& setting
 
 Objection contradicts_expectation(const Candidate& candidate, const Expectation& expected) {
   const Expectation given = given_that_others_rest(expected, candidate.released);
-  // Slopes answer in proportion only near the top of the hill. Far down they say little more than to which side it is.
+  // Slopes are proportional to the shift only near the maximum. Far from it they show little more than its direction.
   constexpr double share = 0.3;
   Matrix6 covariance = given.covariance + candidate.covariance + squares_of(0.2 * radians_per_degree, 0.08);
   covariance += (share * given.delta).cwiseAbs2().asDiagonal();
@@ -150,24 +151,24 @@ Objection contradicts_intensity(const Candidate& candidate) {
   return "intensity contradicts: the score of brightness against reflectance changes by " + in_words(gained);
 }
 
-Objection score_is_not_normal(const Candidate& candidate, const NormalScore& normal) {
+Objection score_not_restored(const Candidate& candidate, const NormalScore& baseline) {
   const auto frames = candidate.all_frames();
-  const double now = mean_score(frames, candidate.T_after, normal.objective).value;
+  const double now = mean_score(frames, candidate.T_after, baseline.objective).value;
   const double standard_error =
-      normal.deviation * std::sqrt(1.0 / static_cast<double>(frames.size()) + 1.0 / std::max(1, normal.pairs));
-  if (normal.mean - now <= most_deviations * standard_error + tolerated_loss * (normal.mean - 1)) return {};
-  return "depth is not what it was: the score is " + number(now, 4) + " there, and " + number(normal.mean, 4) + " +- " +
-         number(standard_error, 4) + " was normal";
+      baseline.deviation * std::sqrt(1.0 / static_cast<double>(frames.size()) + 1.0 / std::max(1, baseline.pairs));
+  if (baseline.mean - now <= most_deviations * standard_error + tolerated_loss * (baseline.mean - 1)) return {};
+  return "depth is not what it was: the score is " + number(now, 4) + " there, and " + number(baseline.mean, 4) +
+         " +- " + number(standard_error, 4) + " is the baseline";
 }
 
 Result<Objection> not_repeatable(const Candidate& candidate, const std::function<bool()>& keep_going,
                                  int& evaluations) {
-  // Near enough that no look around is needed, and far enough for another hill.
+  // Near enough that no grid search is needed, and far enough for the basin of another local maximum.
   const SearchSettings near{
       .bounds = {2.4 * radians_per_degree, 0.5}, .released = candidate.released, .keep_going = keep_going};
   const std::vector<int> axes = axes_where(candidate.released);
-  // From each of two starts by one half of the frames alone, which together takes no longer than one search: a half
-  // differs from the whole by as much as the whole from the truth, and that is more than so few frames make out.
+  // Each of two starts uses one half of the frames, so that both together take no longer than one search. The optimum
+  // of a half differs from that of all frames by about as much as the latter from the truth.
   const Matrix6 explained = candidate.covariance + squares_of(0.15 * radians_per_degree, 0.1);
   for (const std::size_t half : {0, 1}) {
     Vector6 off;

@@ -12,10 +12,10 @@ namespace calib {
 struct Candidate {
   Frames fit, held_back;
   RigidTransform T_before, T_after;
-  /// Of the LiDAR, from before to after, and how sure that is.
+  /// Motion of the LiDAR from before to after, and its covariance.
   Vector6 delta = Vector6::Zero();
   Matrix6 covariance = Matrix6::Zero();
-  /// Axes that the search was free to move, and those that it had to leave as the frames tell nothing of them.
+  /// Axes that the search was free to move, and those that it left because they are not observable.
   std::array<bool, 6> released{}, left{};
   /// Why its search ended, in words, when that was at a bound; else empty.
   std::string at_limit;
@@ -38,14 +38,14 @@ struct Gain {
 using Objection = std::optional<std::string>;
 
 /// In the order of recalibrate.hpp; of two that would both object, the first is named.
-[[nodiscard]] Objection hardly_observable(const Candidate& candidate);
+[[nodiscard]] Objection insufficient_observability(const Candidate& candidate);
 [[nodiscard]] Objection outside_bounds(const Candidate& candidate);
 [[nodiscard]] Objection no_more_than_bias(const Candidate& candidate, const RecalibrationSettings& settings);
 [[nodiscard]] Objection not_better(const Gain& held_back, const RecalibrationSettings& settings);
 [[nodiscard]] Objection contradicts_expectation(const Candidate& candidate, const Expectation& expected);
 [[nodiscard]] Objection contradicts_intensity(const Candidate& candidate);
-[[nodiscard]] Objection score_is_not_normal(const Candidate& candidate, const NormalScore& normal);
-/// The only one that takes long. Fails as `search` does; `evaluations` is added to.
+[[nodiscard]] Objection score_not_restored(const Candidate& candidate, const NormalScore& baseline);
+/// The only expensive gate. Fails as `search` does; adds to `evaluations`.
 [[nodiscard]] Result<Objection> not_repeatable(const Candidate& candidate, const std::function<bool()>& keep_going,
                                                int& evaluations);
 

@@ -12,7 +12,7 @@
 namespace calib {
 namespace {
 
-/// What may still be wrong with the estimate of the stages before.
+/// Bounds of the error that the estimate of the stages before may have.
 SearchBounds still_open(const SearchSettings& settings, int parameters) {
   return {2 * radians_per_degree, parameters == 3 ? 0 : std::min(0.3, settings.bounds.translation_m)};
 }
@@ -23,18 +23,18 @@ struct Optimum {
   bool depth_is_biased = false;
 };
 
-/// All six parameters from near the optimum. Tiles say whether the depth is biased across the image: the rotation that
-/// they alone would choose is then another one. Depth of the whole image counts for little in that case.
+/// All six parameters from near the optimum. Tiles show whether the depth is biased across the image: the optimum by
+/// tiles alone then has another rotation. Depth of the whole image gets little weight in that case.
 Result<Optimum> finish_six(SearchSteps& steps, const RigidTransform& T_near) {
   constexpr double same_rotation_rad = 0.1 * radians_per_degree;
   const Objective whole = final_objective(Method::standard, {true, true, true, true, true, true});
   const Objective by_rotation = final_objective(Method::standard, {true, true, true, false, false, false});
-  const Objective hill = objective_of({{.ranks_per_class = 8}});
-  const Matrix6 directions = steps.hill_directions(T_near, objective_of({{.ranks_per_class = 8}}, 2));
-  // Widely at first: a flat valley is full of small hills.
-  const auto T_hill = steps.climb_along(T_near, directions, hill, {.radius = 4, .to_the_top = false});
-  if (!T_hill) return propagate(T_hill);
-  const auto found = steps.climb_along(*T_hill, directions, whole, {});
+  const Objective coarser = objective_of({{.ranks_per_class = 8}});
+  const Matrix6 directions = steps.principal_axes(T_near, objective_of({{.ranks_per_class = 8}}, 2));
+  // A wide radius at first: a flat valley is full of local maxima.
+  const auto T_middle = steps.climb_along(T_near, directions, coarser, {.radius = 4, .to_the_maximum = false});
+  if (!T_middle) return propagate(T_middle);
+  const auto found = steps.climb_along(*T_middle, directions, whole, {});
   if (!found) return propagate(found);
   const auto turned = [&](const Eigen::VectorXd& x) {
     Vector6 delta = Vector6::Zero();
@@ -44,11 +44,11 @@ Result<Optimum> finish_six(SearchSteps& steps, const RigidTransform& T_near) {
   const auto by_tiles = steps.climb(3, turned, by_rotation, {.batches = 2});
   if (!by_tiles) return propagate(by_tiles);
   if (rotation_angle_rad(found->inverse() * *by_tiles) < same_rotation_rad) return Optimum{*found, whole};
-  Objective distrustful = whole;
-  distrustful.terms[0].weight = 0.1;
-  const auto again = steps.climb_along(*by_tiles, directions, distrustful, {});
+  Objective mostly_tiles = whole;
+  mostly_tiles.terms[0].weight = 0.1;
+  const auto again = steps.climb_along(*by_tiles, directions, mostly_tiles, {});
   if (!again) return propagate(again);
-  return Optimum{*again, distrustful, true};
+  return Optimum{*again, mostly_tiles, true};
 }
 
 Result<Optimum> search_standard(SearchSteps& steps, const RigidTransform& T_start, const SearchSettings& settings) {
@@ -57,47 +57,48 @@ Result<Optimum> search_standard(SearchSteps& steps, const RigidTransform& T_star
   RigidTransform T = T_start;
   SearchBounds bounds = settings.bounds;
   if (settings.any_orientation) bounds.rotation_rad = std::numbers::pi;
-  steps.look_about(T, bounds);
+  steps.recull(T, bounds);
   if (parameters != 0 && (settings.any_orientation || settings.bounds.rotation_rad > 2.5 * radians_per_degree)) {
     const auto found = steps.coarse();
     if (!found) return propagate(found);
     T = *found;
-    if (bounds.rotation_rad > near_rad) steps.look_about(T, {near_rad, bounds.translation_m});
+    if (bounds.rotation_rad > near_rad) steps.recull(T, {near_rad, bounds.translation_m});
   }
   for (const int stage : parameters == 6 ? std::vector<int>{3, 6} : std::vector<int>{parameters}) {
-    const Objective hill = objective_of({{.ranks_per_class = 8}}, stage == 6 ? 2 : 4);  // translation needs more points
-    const auto better = steps.maximise(T, stage, 0.7, hill);
+    const Objective coarser =
+        objective_of({{.ranks_per_class = 8}}, stage == 6 ? 2 : 4);  // translation needs more points
+    const auto better = steps.maximise(T, stage, 0.7, coarser);
     if (!better) return propagate(better);
     T = *better;
-    steps.tell(stage == parameters ? 0.7 : 0.6);
+    steps.report_progress(stage == parameters ? 0.7 : 0.6);
   }
-  steps.look_about(T, still_open(settings, parameters));
+  steps.recull(T, still_open(settings, parameters));
   if (parameters == 6) return finish_six(steps, T);
-  const Objective top = final_objective(Method::standard, settings.released);
-  const auto found = steps.maximise_again(T, parameters, 0.3, top);
+  const Objective last = final_objective(Method::standard, settings.released);
+  const auto found = steps.maximise_again(T, parameters, 0.3, last);
   if (!found) return propagate(found);
-  return Optimum{*found, top};
+  return Optimum{*found, last};
 }
 
 /// As the paper does it: the six parameters themselves, from the start, with the optimiser's usual first step of a
-/// quarter of the room.
+/// quarter of the bound.
 Result<Optimum> search_as_published(SearchSteps& steps, const RigidTransform& T_start, Method method,
                                     const SearchSettings& settings) {
   double first_step = std::numeric_limits<double>::infinity();
   for (int axis = 0; axis < 6; ++axis)
-    if (settings.released[axis]) first_step = std::min(first_step, steps.room(axis) / 4);
-  const Objective top = final_objective(method, settings.released);
+    if (settings.released[axis]) first_step = std::min(first_step, steps.bound(axis) / 4);
+  const Objective last = final_objective(method, settings.released);
   if (method != Method::i2i_nmi) {
-    const auto found = steps.maximise(T_start, 0, first_step, top);
+    const auto found = steps.maximise(T_start, 0, first_step, last);
     if (!found) return propagate(found);
-    return Optimum{*found, top};
+    return Optimum{*found, last};
   }
-  const Objective hill = objective_of({{FeaturePair::intensity, 1, 8, true}});
-  const auto near = steps.maximise(T_start, 0, first_step, hill);
+  const Objective coarser = objective_of({{FeaturePair::intensity, 1, 8, true}});
+  const auto near = steps.maximise(T_start, 0, first_step, coarser);
   if (!near) return propagate(near);
-  const auto found = steps.maximise_again(*near, 0, std::min(first_step, 0.3), top);
+  const auto found = steps.maximise_again(*near, 0, std::min(first_step, 0.3), last);
   if (!found) return propagate(found);
-  return Optimum{*found, top};
+  return Optimum{*found, last};
 }
 
 }  // namespace
@@ -114,8 +115,8 @@ Objective final_objective(Method method, const std::array<bool, 6>& released) {
     case Method::standard:
       break;
   }
-  // Tiles keep a bias of the depth out of the rotation. They also flatten the valley in which pitch trades against z,
-  // so that where translation is sought, depth of the whole image has its say.
+  // Tiles keep a bias of the depth out of the rotation. They also flatten the valley in which pitch and z are
+  // correlated, so that where translation is free, depth of the whole image is a term too.
   if (!std::any_of(released.begin() + 3, released.end(), [](bool axis) { return axis; }))
     return objective_of({{tiled_depth, 1, 8, true}, {intensity, 3, 8, true}});
   return objective_of({{depth, 1, 4, true}, {tiled_depth, 1, 8, true}, {intensity, 6, 8, true}});
@@ -130,12 +131,12 @@ Result<SearchResult> search(Frames frames, const RigidTransform& T_camera_lidar,
                             const SearchSettings& settings) {
   if (frames.empty()) return fail(ErrorCode::too_few_pairs, "there is no frame to search with");
   if (std::ranges::none_of(settings.released, [](bool axis) { return axis; }))
-    return fail(ErrorCode::search_failed, "no axis is released");
+    return fail(ErrorCode::search_failed, "no axis is free");
   if (!T_camera_lidar.matrix().allFinite()) return fail(ErrorCode::search_failed, "the extrinsic is not a number");
   SearchSteps steps(frames, T_camera_lidar, settings);
   if (settings.any_orientation && steps.parameters() == 0)
     return fail(ErrorCode::search_failed,
-                "for any orientation roll, pitch and yaw must be released, and all of x, y, z or none");
+                "for any orientation roll, pitch and yaw must be free, and all of x, y, z or none");
   const auto found = method == Method::standard ? search_standard(steps, T_camera_lidar, settings)
                                                 : search_as_published(steps, T_camera_lidar, method, settings);
   if (steps.cancelled()) return fail(ErrorCode::cancelled, "the search was ended before it was done");
@@ -159,7 +160,7 @@ Result<SearchResult> search(Frames frames, const RigidTransform& T_camera_lidar,
       result.reason = "ends at the limit of " + std::string(axis_names[axis]);
       result.ends_at_limit = true;
     }
-  steps.tell(1);
+  steps.report_progress(1);
   return result;
 }
 

@@ -6,7 +6,7 @@
 #include <numbers>
 #include <string>
 
-#include "quadratic_hill.hpp"
+#include "quadratic_model.hpp"
 #include "rotation_grid.hpp"
 
 namespace calib {
@@ -18,8 +18,8 @@ bool all(const std::array<bool, 6>& released, int from, int to) {
   return std::all_of(released.begin() + from, released.begin() + to, [](bool axis) { return axis; });
 }
 
-/// What is maximised by a coarse look around: information in all that is in view, not per point, because a view with
-/// few points left can score high by chance.
+/// Objective of the coarse grid search: the information of all points in view, not per point, because a view with few
+/// points can score high by chance.
 std::vector<double> total_information(Frames frames, std::span<const RigidTransform> T, const Objective& objective,
                                       const std::function<bool()>& cancelled) {
   std::vector<double> sums(T.size());
@@ -33,7 +33,7 @@ std::vector<double> total_information(Frames frames, std::span<const RigidTransf
   return sums;
 }
 
-/// Turning about a point ahead of the camera, in the units of the search.
+/// A rotation about a point ahead of the camera and a translation, in the units of the search.
 RigidTransform moved(const RigidTransform& T_base, const Vector6& units) {
   Vector6 delta;
   for (int axis = 0; axis < 6; ++axis) delta[axis] = units[axis] * unit_of(axis);
@@ -97,54 +97,54 @@ Result<RigidTransform> SearchSteps::coarse() {
     RigidTransform T;
   };
   const auto is_cancelled = [this] { return cancelled(); };
-  std::vector<Candidate> places;
+  std::vector<Candidate> candidates;
   constexpr std::size_t at_once = 512;
   for (std::size_t first = 0; first < grid.size(); first += at_once) {
     std::vector<RigidTransform> some;
     for (std::size_t i = first; i < std::min(grid.size(), first + at_once); ++i)
       some.push_back(T_start_ * RigidTransform(grid[i]));
     const std::vector<double> information = total_information(few, some, quick, is_cancelled);
-    for (std::size_t i = 0; i < some.size(); ++i) places.push_back({information[i], some[i]});
-    tell(0.5 * static_cast<double>(first) / static_cast<double>(grid.size()));
+    for (std::size_t i = 0; i < some.size(); ++i) candidates.push_back({information[i], some[i]});
+    report_progress(0.5 * static_cast<double>(first) / static_cast<double>(grid.size()));
   }
   evaluations_ += static_cast<int>(grid.size());
-  std::ranges::stable_sort(places, std::ranges::greater(), &Candidate::value);
+  std::ranges::stable_sort(candidates, std::ranges::greater(), &Candidate::value);
 
   const std::size_t wanted = !wide ? 1 : reach > std::numbers::pi / 3 ? 16 : 6;
   std::vector<Candidate> best;
-  for (const Candidate& place : places) {
+  for (const Candidate& candidate : candidates) {
     const auto near = [&](const Candidate& other) {
-      return rotation_angle_rad(place.T.inverse() * other.T) < 1.5 * spacing;
+      return rotation_angle_rad(candidate.T.inverse() * other.T) < 1.5 * spacing;
     };
-    if (!std::ranges::any_of(best, near)) best.push_back(place);
+    if (!std::ranges::any_of(best, near)) best.push_back(candidate);
     if (best.size() == wanted) break;
   }
   if (best.size() == 1) return best.front().T;
-  const Objective hill = objective_of({{.ranks_per_class = 8}}, 8);
-  for (Candidate& place : best) {
-    const auto climbed = maximise(place.T, 3, 0.4 * spacing / unit_of(0), hill, 60);
+  const Objective middle = objective_of({{.ranks_per_class = 8}}, 8);
+  for (Candidate& candidate : best) {
+    const auto climbed = maximise(candidate.T, 3, 0.4 * spacing / unit_of(0), middle, 60);
     if (!climbed) return climbed;
-    place = {total_information(view_.frames(), {&*climbed, 1}, hill, is_cancelled).front(), *climbed};
+    candidate = {total_information(view_.frames(), {&*climbed, 1}, middle, is_cancelled).front(), *climbed};
   }
   return std::ranges::max_element(best, {}, &Candidate::value)->T;
 }
 
-Result<void> SearchSteps::optimise(std::vector<double> x, const std::vector<double>& room, const Run& run,
+Result<void> SearchSteps::optimise(std::vector<double> x, const std::vector<double>& bounds, const Run& run,
                                    const std::function<double(const std::vector<double>&)>& objective) {
   const auto inside = [&](const std::vector<double>& at) {  // BOBYQA may step a little over its bounds
     std::vector<double> clamped = at;
-    for (std::size_t i = 0; i < at.size(); ++i) clamped[i] = std::clamp(at[i], -room[i], room[i]);
+    for (std::size_t i = 0; i < at.size(); ++i) clamped[i] = std::clamp(at[i], -bounds[i], bounds[i]);
     return objective(clamped);
   };
   using Inside = decltype(inside);
   try {
     nlopt::opt optimiser(nlopt::LN_BOBYQA, static_cast<unsigned>(x.size()));
-    std::vector<double> lower = room;
-    for (double& bound : lower) bound = -bound;
+    std::vector<double> lower = bounds;
+    for (double& side : lower) side = -side;
     optimiser.set_lower_bounds(lower);
-    optimiser.set_upper_bounds(room);
+    optimiser.set_upper_bounds(bounds);
     // A first step that does not fit between the bounds is an error to NLopt.
-    optimiser.set_initial_step(std::min(run.first_step, std::ranges::min(room)));
+    optimiser.set_initial_step(std::min(run.first_step, std::ranges::min(bounds)));
     optimiser.set_xtol_abs(run.tolerance);
     optimiser.set_maxeval(run.budget);
     optimiser.set_max_objective([](const std::vector<double>& at, std::vector<double>&,
@@ -172,9 +172,9 @@ Result<RigidTransform> SearchSteps::maximise(const RigidTransform& T_base, int p
     if (parameters == 0 ? !settings_.released[axis] : axis >= parameters) continue;
     axes.push_back(axis);
     start.push_back(from[axis] / unit_of(axis));
-    // Turning about the pivot shifts the LiDAR, so its translation needs more room; `value` keeps the real bounds.
+    // A rotation about the pivot shifts the LiDAR, so its translation needs wider bounds; `value` keeps the real ones.
     const double more = axis < 3 ? 0 : pivot.norm() * std::min(limit(0), 0.2) / unit_of(axis);
-    bounds.push_back(parameters == 0 ? room(axis) : 2 * (room(axis) + more));
+    bounds.push_back(parameters == 0 ? bound(axis) : 2 * (bound(axis) + more));
     start.back() = std::clamp(start.back(), -bounds.back(), bounds.back());
   }
   RigidTransform best = T_base;
@@ -196,19 +196,19 @@ Result<RigidTransform> SearchSteps::maximise(const RigidTransform& T_base, int p
   return best;
 }
 
-Matrix6 SearchSteps::hill_directions(const RigidTransform& T, const Objective& objective) {
+Matrix6 SearchSteps::principal_axes(const RigidTransform& T, const Objective& objective) {
   constexpr double step = 0.35, same_loss = 3e-4, longest = 1.5;
-  std::vector<RigidTransform> places{T};
-  const auto place = [&](const Vector6& units) {
-    places.push_back(moved(T, units));
-    places.push_back(moved(T, -units));
+  std::vector<RigidTransform> extrinsics{T};
+  const auto add = [&](const Vector6& units) {
+    extrinsics.push_back(moved(T, units));
+    extrinsics.push_back(moved(T, -units));
   };
   for (int i = 0; i < 6; ++i) {
-    place(step * Vector6::Unit(i));
-    for (int j = 0; j < i; ++j) place(step * (Vector6::Unit(i) + Vector6::Unit(j)));
+    add(step * Vector6::Unit(i));
+    for (int j = 0; j < i; ++j) add(step * (Vector6::Unit(i) + Vector6::Unit(j)));
   }
-  const std::vector<double> at = values(places, objective);
-  // Second differences: how much is lost on both sides together.
+  const std::vector<double> at = values(extrinsics, objective);
+  // Second differences: the loss on both sides together.
   Matrix6 curvature;
   std::size_t next = 1;
   const auto lost = [&] {
@@ -219,16 +219,16 @@ Matrix6 SearchSteps::hill_directions(const RigidTransform& T, const Objective& o
     curvature(i, i) = lost();
     for (int j = 0; j < i; ++j) curvature(i, j) = curvature(j, i) = (lost() - curvature(i, i) - curvature(j, j)) / 2;
   }
-  const Eigen::SelfAdjointEigenSolver<Matrix6> hill(curvature);
+  const Eigen::SelfAdjointEigenSolver<Matrix6> axes(curvature);
   const double flattest = 2 * same_loss / (longest * longest);
-  const Vector6 length = (2 * same_loss * hill.eigenvalues().cwiseMax(flattest).cwiseInverse()).cwiseSqrt();
-  return hill.eigenvectors() * length.asDiagonal();
+  const Vector6 length = (2 * same_loss * axes.eigenvalues().cwiseMax(flattest).cwiseInverse()).cwiseSqrt();
+  return axes.eigenvectors() * length.asDiagonal();
 }
 
-Result<RigidTransform> SearchSteps::climb(int parameters, const Place& place, const Objective& objective,
-                                          const Climb& how) {
+Result<RigidTransform> SearchSteps::climb(int parameters, const Parametrisation& to_extrinsic,
+                                          const Objective& objective, const Climb& how) {
   constexpr double least_radius = 0.3, longest_step = 2;  // the latter in radii
-  QuadraticHill hill(parameters);
+  QuadraticModel model(parameters);
   Eigen::VectorXd centre = Eigen::VectorXd::Zero(parameters);
   double radius = how.radius;
   bool in_reach = false;
@@ -239,37 +239,37 @@ Result<RigidTransform> SearchSteps::climb(int parameters, const Place& place, co
       at.emplace_back(centre + axes.col(i));
       at.emplace_back(centre - axes.col(i));
     }
-    const double best_before = hill.best().value;
-    std::vector<RigidTransform> places;
-    std::ranges::transform(at, std::back_inserter(places), place);
-    const std::vector<double> found = values(places, objective);
-    for (std::size_t i = 0; i < at.size(); ++i) hill.add({at[i], found[i]});
+    const double best_before = model.best().value;
+    std::vector<RigidTransform> extrinsics;
+    std::ranges::transform(at, std::back_inserter(extrinsics), to_extrinsic);
+    const std::vector<double> found = values(extrinsics, objective);
+    for (std::size_t i = 0; i < at.size(); ++i) model.add({at[i], found[i]});
     double loss = 0;
     for (std::size_t i = 1; i < found.size(); ++i) loss += std::max(0.0, found[0] - found[i]) / parameters;
     if (batch > 0 && found[0] < best_before) radius = std::max(least_radius, radius / 2);
-    const Eigen::VectorXd step = hill.step_to_top(radius, loss, longest_step);
-    centre = hill.best().at + step;
+    const Eigen::VectorXd step = model.step_to_maximum(radius, loss, longest_step);
+    centre = model.best().at + step;
     in_reach = step.norm() < radius;
     if (in_reach) radius = std::max(least_radius, radius / 1.5);
   }
-  if (value(place(centre), objective) < hill.best().value) centre = hill.best().at;
-  if (!in_reach && how.to_the_top) return follow_valley(place, centre, objective);
+  if (value(to_extrinsic(centre), objective) < model.best().value) centre = model.best().at;
+  if (!in_reach && how.to_the_maximum) return follow_valley(to_extrinsic, centre, objective);
   exhausted_ = !in_reach;
-  return place(centre);
+  return to_extrinsic(centre);
 }
 
-Result<RigidTransform> SearchSteps::follow_valley(const Place& place, Eigen::VectorXd best,
+Result<RigidTransform> SearchSteps::follow_valley(const Parametrisation& to_extrinsic, Eigen::VectorXd best,
                                                   const Objective& objective) {
   const auto parameters = static_cast<std::size_t>(best.size());
-  const std::vector<double> room(parameters, 30);
-  double best_value = value(place(best), objective);
-  // The second pass takes wide steps, over the small hills that a flat valley is full of.
+  const std::vector<double> bounds(parameters, 30);
+  double best_value = value(to_extrinsic(best), objective);
+  // The second pass takes wide steps, across the local maxima of a flat valley.
   for (const double first_step : {1.0, 3.0, 1.0}) {
     const Eigen::VectorXd centre = best;
     const double before = best_value;
     const auto at = [&](const std::vector<double>& x) {
       const Eigen::VectorXd there = centre + Eigen::Map<const Eigen::VectorXd>(x.data(), centre.size());
-      const double result = value(place(there), objective);
+      const double result = value(to_extrinsic(there), objective);
       if (result > best_value) {
         best_value = result;
         best = there;
@@ -277,12 +277,12 @@ Result<RigidTransform> SearchSteps::follow_valley(const Place& place, Eigen::Vec
       return result;
     };
     if (auto done =
-            optimise(std::vector<double>(parameters, 0), room, {.first_step = first_step, .tolerance = 0.05}, at);
+            optimise(std::vector<double>(parameters, 0), bounds, {.first_step = first_step, .tolerance = 0.05}, at);
         !done)
       return propagate(done);
     if (first_step > 1 && best_value - before < negligible_gain) break;
   }
-  return place(best);
+  return to_extrinsic(best);
 }
 
 Result<RigidTransform> SearchSteps::climb_along(const RigidTransform& T_base, const Matrix6& directions,

@@ -10,7 +10,7 @@
 namespace calib {
 namespace {
 
-/// Steps of the differences: within the hill, and wide enough to be above the graininess of pixels.
+/// Steps of the differences: within the basin, and larger than the effect of single pixels.
 constexpr double rotation_step_rad = 0.3 * radians_per_degree, translation_step_m = 0.08;
 constexpr int resamples = 400;
 constexpr double observable_sigmas = 3;
@@ -79,8 +79,8 @@ Matrix6 bootstrap(const std::vector<Slopes>& frames, const Vector6& mean) {
   return covariance;
 }
 
-/// Whether the mean of the frames' curvatures along an axis is significantly that of a hill.
-bool is_hill(const std::vector<Slopes>& frames, int axis) {
+/// Whether the mean of the frames' curvatures along an axis is significantly that of a maximum.
+bool has_maximum(const std::vector<Slopes>& frames, int axis) {
   double mean = 0, squares = 0;
   const auto n = static_cast<double>(frames.size());
   for (const Slopes& frame : frames) mean += frame.hessian(axis, axis) / n;
@@ -97,7 +97,7 @@ Uncertainty uncertainty(Frames frames, const RigidTransform& T_camera_lidar, con
   Vector6 scale;
   for (int axis = 0; axis < 6; ++axis)
     scale[axis] = std::max(1e-9, axis < 3 ? settings.bounds.rotation_rad : settings.bounds.translation_m);
-  // As in the search: about a point amid the scene, where the six hardly depend on each other.
+  // As in the search: about a point in the scene, where the six parameters are hardly correlated.
   const bool everything = std::ranges::all_of(settings.released, [](bool axis) { return axis; });
   const Eigen::Vector3d pivot =
       everything ? Eigen::Vector3d(T_camera_lidar.inverse() * Eigen::Vector3d(0, 0, pivot_distance_m))
@@ -118,12 +118,12 @@ Uncertainty uncertainty(Frames frames, const RigidTransform& T_camera_lidar, con
   }
   const Matrix6 resampled = bootstrap(all, mean.gradient);
 
-  // The way from gradients to parameters. Directions without a hill get so little curvature that the scatter fills the
-  // bounds: what is known of them is the bounds.
-  const Eigen::SelfAdjointEigenSolver<Matrix6> hill(-mean.hessian);
+  // From gradients to parameters: a Newton step. Directions without a maximum get so little curvature that the scatter
+  // fills the bounds, which are all that is known of them.
+  const Eigen::SelfAdjointEigenSolver<Matrix6> curvature(-mean.hessian);
   const double least = std::sqrt(std::max(1e-24, std::max(scatter.trace(), resampled.trace())));
-  const Vector6 inverse = hill.eigenvalues().cwiseMax(least).cwiseInverse();
-  const Matrix6 newton = hill.eigenvectors() * inverse.asDiagonal() * hill.eigenvectors().transpose();
+  const Vector6 inverse = curvature.eigenvalues().cwiseMax(least).cwiseInverse();
+  const Matrix6 newton = curvature.eigenvectors() * inverse.asDiagonal() * curvature.eigenvectors().transpose();
   // A rotation about the pivot is one about the LiDAR's origin and a translation: pivot x rotation.
   Matrix6 about_origin = Matrix6::Identity();
   about_origin.block<3, 3>(3, 0) << 0, -pivot.z(), pivot.y(), pivot.z(), 0, -pivot.x(), -pivot.y(), pivot.x(), 0;
@@ -135,7 +135,7 @@ Uncertainty uncertainty(Frames frames, const RigidTransform& T_camera_lidar, con
   result.bootstrap_covariance = in_units(resampled);
   const Vector6 sigma = result.sigma();
   for (int axis = 0; axis < 6; ++axis)
-    result.observable[axis] = settings.released[axis] && is_hill(all, axis) && sigma[axis] < scale[axis] / 2;
+    result.observable[axis] = settings.released[axis] && has_maximum(all, axis) && sigma[axis] < scale[axis] / 2;
   return result;
 }
 

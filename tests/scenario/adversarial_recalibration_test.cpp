@@ -323,7 +323,7 @@ TEST_CASE("a knock of a recorded LiDAR is put right, and depth that is suddenly 
     const auto frames = now.features(motion);
     std::vector<const FeatureSet*> fit, held_back;
     for (std::size_t i = 0; i < frames.size(); ++i) (i % 4 == 3 ? held_back : fit).push_back(&frames[i]);
-    const auto result = test::require_ok(recalibrate(fit, held_back, start, {.bounds = {}, .normal = normal}));
+    const auto result = test::require_ok(recalibrate(fit, held_back, start, {.bounds = {}, .baseline_score = normal}));
     INFO(source << " yaw " << yaw_deg << ": " << result.reason);
     if (result.accepted) CHECK(now.angle_off(result.T_camera_lidar, motion) < now.angle_off(start, motion));
     return result.accepted;

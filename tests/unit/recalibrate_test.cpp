@@ -212,10 +212,10 @@ TEST_CASE("a LiDAR put right scores as was normal; depth that has gone wrong doe
               knocked = spoilt_drive(moved, leave_alone), gone_wrong = spoilt_drive(moved, bias_depth);
   NormalScore normal{.objective = depth_objective, .mean = 0, .deviation = 0.01, .pairs = fitted + held};
   normal.mean = mean_score(test::pointers(before.frames), before.start, depth_objective).value;
-  const Recalibration right = knocked.search({.bounds = {}, .normal = normal});
+  const Recalibration right = knocked.search({.bounds = {}, .baseline_score = normal});
   INFO(right.reason);
   CHECK(right.accepted);
-  const Recalibration wrong = gone_wrong.search({.bounds = {}, .normal = normal});
+  const Recalibration wrong = gone_wrong.search({.bounds = {}, .baseline_score = normal});
   CHECK_FALSE(wrong.accepted);
   CHECK_THAT(wrong.reason, Catch::Matchers::StartsWith("depth is not what it was"));
 }

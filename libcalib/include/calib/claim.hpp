@@ -23,7 +23,7 @@ struct BootTime {
   std::chrono::nanoseconds since_boot{};
 };
 
-/// What a verdict rests on.
+/// The grounds of a verdict.
 struct Grounds {
   /// Pairs that the present process has evaluated at the extrinsic in force.
   std::uint64_t pairs = 0;

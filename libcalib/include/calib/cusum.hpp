@@ -4,7 +4,7 @@
 
 namespace calib {
 
-/// One-sided cumulative sum chart (Page 1954): tells a lasting shift of a sequence's mean from chance. It gives an
+/// One-sided cumulative sum chart (Page 1954): detects a lasting shift of a sequence's mean. It gives an
 /// alarm when its sum reaches a limit, the decision interval, that the caller derives with `cusum_limit` and passes to
 /// each call.
 struct Cusum {

@@ -25,7 +25,7 @@ enum class StereoMatcher { sgbm, bm };
 
 /// Metric inverse depth along the left camera's optical axis, from a stereo pair. A rectified pair is matched as it is;
 /// any other is rectified by the models of its two cameras, and depth is looked up for each pixel of the left image as
-/// it came. Unsure and unmatched pixels, and what the rectified picture does not show (more than some 50 degrees off
+/// it came. Ambiguous and unmatched pixels, and what the rectified picture does not show (more than some 50 degrees off
 /// the axis between the cameras), have no depth. The disparity range follows the image's width. Fails with
 /// `bad_camera` when the cameras are not side by side, within 1 mm .. 10 m of each other, and looking the same way to
 /// 30 degrees.

@@ -10,8 +10,8 @@
 
 namespace calib {
 
-/// Half width of the stencil: narrow enough to feel a quarter of a degree, wide enough that a hill some degrees away
-/// still gives a slope.
+/// Half width of the stencil: narrow enough to resolve a quarter of a degree, wide enough that a maximum some degrees
+/// away still gives a slope.
 struct StencilStep {
   double rotation_rad = 0.75 * radians_per_degree;
   double translation_m = 0.15;
@@ -29,74 +29,74 @@ struct Stencil {
 [[nodiscard]] Stencil evaluate_stencil(const FeatureSet& frame, const RigidTransform& T_camera_lidar,
                                        const StencilStep& step = {}, const Objective& objective = depth_objective);
 
-/// What one frame's stencil says of each axis, LiDAR frame.
+/// The evidence of one frame's stencil about each axis, LiDAR frame.
 struct AxisEvidence {
   Timestamp stamp{};
-  /// First central difference of the score, per rad and m. Positive: the optimum lies at a positive perturbation; there
-  /// the LiDAR went.
+  /// First central difference of the score, per rad and m. Positive: the optimum lies at a positive perturbation, to
+  /// which the LiDAR has moved.
   Vector6 slope = Vector6::Zero();
   double score = 0;
-  /// By how much the score stands above the mean of its twelve neighbours. Slopes vanish when the hill has gone
-  /// altogether; this does so too, and tells.
+  /// By how much the score exceeds the mean of its twelve neighbours. Where there is no maximum nearby the slopes
+  /// vanish and so does the prominence, which shows the loss.
   double peak = 0;
-  /// How the slopes (rows) answer to a LiDAR that moves along each axis (columns), per rad and m. Takes a dozen
-  /// stencils, so it is known of those pairs only from which a baseline is learned.
+  /// Change of the slopes (rows) when the LiDAR moves along each axis (columns), per rad and m. It takes a dozen
+  /// stencils, so it is measured only for pairs from which a baseline is learned.
   std::optional<Matrix6> response{};
 };
 [[nodiscard]] AxisEvidence axis_evidence(const Stencil& stencil, Timestamp stamp, const StencilStep& step = {});
 [[nodiscard]] Matrix6 evaluate_response(const FeatureSet& frame, const RigidTransform& T_camera_lidar,
                                         const StencilStep& step = {}, const Objective& objective = depth_objective);
 
-/// How the accepted extrinsic looks in this vehicle's own scenes and with its own depth source: running moments
-/// (Welford 1962) of the evidence of pairs taken while nothing spoke of drift.
+/// The evidence that the accepted extrinsic gives in this vehicle's own scenes and with its own depth source: running
+/// moments (Welford 1962) over pairs taken while there was no evidence of drift.
 struct DriftBaseline {
   int pairs = 0;
   Vector6 slope = Vector6::Zero();             // mean
   Matrix6 slope_products = Matrix6::Zero();    // sum of products of deviations
   Vector6 latest_slope = Vector6::Zero();      // of the pair added last
-  Vector6 lagged_products = Vector6::Zero();   // sum of products of deviations of consecutive pairs
+  Vector6 lagged_products = Vector6::Zero();   // lag 1: sum of products of deviations of consecutive pairs
   Matrix6 response = Matrix6::Zero();          // mean
   Vector6 response_squares = Vector6::Zero();  // of its diagonal: sum of squared deviations
   double peak = 0, peak_squares = 0;           // mean, sum of squared deviations
   double latest_peak = 0, lagged_peaks = 0;    // as of slopes
   double score = 0, score_squares = 0;         // mean, sum of squared deviations
 
-  /// `evidence` has a response.
+  /// `evidence` has a sensitivity.
   void add(const AxisEvidence& evidence);
-  /// Standard deviation of one pair's slope as it counts in long sums: larger where consecutive pairs err alike, and
-  /// taken somewhat large as long as it comes of few pairs.
+  /// Standard deviation of one pair's slope as it contributes to long sums: larger where consecutive pairs are
+  /// correlated, and estimated high as long as it is of few pairs.
   [[nodiscard]] double spread(int axis) const;
-  /// Likewise of the peak.
+  /// Likewise of the prominence.
   [[nodiscard]] double peak_spread() const;
-  /// Whether the scenes tell anything of the axis at all: its mean response is significantly that of a hill.
+  /// Whether the scenes carry information about the axis: its mean sensitivity is significantly that of a maximum.
   [[nodiscard]] bool observable(int axis) const;
 };
 
 struct DriftSettings {
-  /// Pairs from which the extrinsic's own slopes and their spread are learned after it was accepted, before there is a
-  /// verdict; as long as nothing speaks of drift, learning goes on to `max_baseline_pairs`.
+  /// Pairs from which the baseline is learned after an extrinsic was accepted, before there is a verdict. While there
+  /// is no evidence of drift, learning continues to `max_baseline_pairs`.
   int baseline_pairs = 20, max_baseline_pairs = 100;
-  /// False alarms wanted at most, per pair: one in a thousand vehicle-weeks of 56 hours at a pair every ten seconds.
-  /// The limits of the sequential test follow from it (`cusum_limit`).
+  /// Largest rate of false alarms, per pair: one in a thousand vehicle-weeks of 56 hours at a pair every ten seconds.
+  /// The limits of the charts follow from it (`cusum_limit`).
   double false_alarms_per_pair = 1 / (1000 * 56 * 360.0);
-  /// A shift below these is not looked for: scenery and depth move the optimum by as much.
+  /// Smaller shifts are not tested for: scenery and depth move the optimum by as much.
   double negligible_rotation_rad = 0.05 * radians_per_degree;
   double negligible_translation_m = 0.02;
-  /// A pair whose evidence is so unsure that a rotation by this much could go unnoticed is not judged at all. Of
-  /// translations it is only said which would be noticed.
+  /// Where the detection limit of a rotation exceeds this, there is no verdict. The detection limits of translations
+  /// are only reported.
   double must_notice_rotation_rad = 0.5 * radians_per_degree;
   /// A depth source shifts the optimum by a constant. While the baseline is learned, an offset within these limits is
-  /// taken for that; one that is significantly beyond is misalignment from the start. Infinite: none is.
+  /// attributed to the depth source; a significantly larger one is misalignment from the start. Infinite: none is.
   double max_bias_rotation_rad = 0.35 * radians_per_degree;
   double max_bias_translation_m = 0.2;
 };
 
-/// The defaults for a depth source. A network's own bias may be larger before it is learned as what is normal, and
+/// The defaults for a depth source. The bias of monocular depth may be larger before it is learned as the baseline, and
 /// moves the optimum's translation by decimetres.
 [[nodiscard]] DriftSettings usual_drift_settings(bool depth_is_guessed);
 
-/// `learning`: the baseline is not known yet and nothing speaks of misalignment. `blind`: it is known, and so unsure
-/// that a rotation to be noticed might not be.
+/// `learning`: there is no baseline yet and no evidence of misalignment. `blind`: there is one, and the detection limit
+/// of a rotation exceeds what must be detected.
 enum class DriftVerdict { learning, blind, calibrated, suspect, drifted };
 
 /// One value for each of two charts on the same sequence: `rapid` finds large shifts within a few pairs, `sensitive`
@@ -116,7 +116,7 @@ struct AxisCharts {
 
 /// What the monitor knows; everything of it survives a restart.
 struct DriftState {
-  /// The latest pairs, oldest first. Those with a response are not part of the baseline, or not yet.
+  /// The latest pairs, oldest first. Those with a sensitivity are not part of the baseline, or not yet.
   std::deque<AxisEvidence> recent;
   DriftBaseline baseline;
   std::array<AxisCharts, 6> charts{};
@@ -125,23 +125,23 @@ struct DriftState {
   DriftVerdict verdict = DriftVerdict::learning;
 };
 
-/// Decides, pair after pair, whether the extrinsic still is where it was when it was accepted: two-sided CUSUMs per
-/// axis (Page 1954) on the slope of the objective at the extrinsic, standardised by the vehicle's own spread; of the
-/// latest three pairs the median, so that a lone bad frame counts for nothing. The slope is what moves first when an
-/// optimum moves, has light tails where the vertex of a parabola has heavy ones, and needs no curvature. While the
-/// baseline is being learned the pooled offset is tested against the bias that a depth source may have, so that an
+/// Decides, pair after pair, whether the LiDAR has moved since the extrinsic was accepted: two-sided CUSUMs per axis
+/// (Page 1954) on the slope of the objective at the extrinsic, standardised by the vehicle's own spread. Each update is
+/// the median of the latest three pairs, so that a single outlier has no effect. The slope reacts first when the
+/// optimum moves, has light tails where the vertex of a fitted parabola has heavy ones, and needs no curvature. While
+/// the baseline is learned, the pooled offset is tested against the bias that a depth source may have, so that an
 /// extrinsic that was wrong from the start is found too.
 class DriftMonitor {
  public:
   explicit DriftMonitor(const DriftSettings& settings, DriftState state = {});
 
-  /// Whether the next pair's evidence must have a response: the baseline is still being learned.
+  /// Whether the next pair's evidence should have a sensitivity: the baseline is still being learned.
   [[nodiscard]] bool wants_response() const { return state_.baseline.pairs < settings_.max_baseline_pairs; }
   /// Takes the evidence of one pair. Fails with `sensitivity_missing`, and takes nothing, while there is no baseline
-  /// and `evidence` has no response.
+  /// and `evidence` has no sensitivity.
   Result<DriftVerdict> observe(const AxisEvidence& evidence);
 
-  /// A new extrinsic is in force: everything is learned anew.
+  /// A new extrinsic is in force: forgets everything.
   void restart();
 
   [[nodiscard]] DriftVerdict verdict() const { return state_.verdict; }
@@ -150,20 +150,20 @@ class DriftMonitor {
   /// Whether there is a baseline.
   [[nodiscard]] bool learned() const { return state_.baseline.pairs >= settings_.baseline_pairs; }
 
-  /// Misalignment estimated from the latest pairs (while there is a first sign of drift, from those since), against the
-  /// baseline, LiDAR frame (rad, m). Slopes of different axes answer to one shift (pitch and z, yaw and y), so `delta`
-  /// is the simplest explanation, by as few axes as will do; at most two stencil steps each, beyond which it is "at
-  /// least". `covariance` is of all explanations, given that no axis is likely to be off by more than a stencil step.
-  /// Where the peak is being lost each axis goes by its own slope, and is as unsure as two steps. Needs three pairs and
-  /// a baseline.
+  /// Misalignment estimated from the latest pairs against the baseline, LiDAR frame (rad, m); from those since the
+  /// onset, where there is one. One shift changes the slopes of several axes (pitch and z, yaw and y), so `delta` is
+  /// the sparsest explanation: as few axes as are significant, at most two stencil steps each; a value at that bound
+  /// means "at least". `covariance` is that of all explanations under a normal prior of one stencil step per axis.
+  /// Outside the basin each axis is estimated separately, with a standard deviation of two stencil steps. Needs three
+  /// pairs and a baseline.
   struct Estimate {
     Vector6 delta = Vector6::Zero();
     Matrix6 covariance = Matrix6::Zero();
     [[nodiscard]] Vector6 sigma() const { return covariance.diagonal().cwiseSqrt(); }
   };
   [[nodiscard]] std::optional<Estimate> misalignment() const;
-  /// The shift along an axis (rad or m) that would be noticed within fifty pairs; infinite for an axis that is not
-  /// observable. Needs a baseline.
+  /// The smallest shift along an axis (rad or m) that is detected within fifty pairs; infinite for an axis that is not
+  /// observable, and without a baseline.
   [[nodiscard]] double noticeable_shift(int axis) const;
   /// Stamp of the pair where the evidence of drift begins; `Timestamp::min()` for an extrinsic wrong from the start.
   [[nodiscard]] std::optional<Timestamp> onset() const;
@@ -176,19 +176,19 @@ class DriftMonitor {
  private:
   [[nodiscard]] double evidence() const;
   [[nodiscard]] double share(const Charts& charts) const;
-  /// In deviations of one pair: the shift of an axis that is not looked for, and the charts' reference values.
+  /// In standard deviations of one pair: the shift of an axis that is not tested for, and the charts' reference values.
   [[nodiscard]] double negligible(int axis) const;
   [[nodiscard]] PerChart<double> references() const;
   [[nodiscard]] PerChart<double> loss_references() const;
   /// Whether there is evidence of the loss of the maximum.
-  [[nodiscard]] bool beyond_hill() const;
-  /// Whether a lost peak would be noticed within so many pairs.
-  [[nodiscard]] bool notices_lost_peak(double pairs) const;
+  [[nodiscard]] bool maximum_is_lost() const;
+  /// Whether the loss of the maximum would be detected within so many pairs.
+  [[nodiscard]] bool detects_lost_maximum(double pairs) const;
   void accumulate();
-  [[nodiscard]] bool is_usual(const AxisEvidence& evidence) const;
+  [[nodiscard]] bool is_outlier_free(const AxisEvidence& evidence) const;
   [[nodiscard]] DriftVerdict decide() const;
   [[nodiscard]] DriftVerdict decide_from_start() const;
-  [[nodiscard]] std::string least_noticeable() const;
+  [[nodiscard]] std::string least_detectable() const;
   [[nodiscard]] std::string moved_axes() const;
 
   DriftSettings settings_;

@@ -18,7 +18,7 @@ struct SearchBounds {
   double translation_m = 0.5;                    // per axis
 };
 
-/// Where the pixels of a feature set look, chosen so that a point costs one division whatever the real lens does:
+/// The projection of a feature set's pixels, chosen so that a point costs one division whatever the real lens is:
 /// u = fx x / (z + xi d) + cx, d the point's distance. `xi` is 0 (pinhole) for cameras that see less than 60 degrees
 /// off their axis, else 1 (stereographic), which takes in everything but straight behind. Images of a camera with
 /// another model are resampled into it once per pair.
@@ -38,7 +38,7 @@ struct FeatureSettings {
   SearchBounds bounds{};
   /// Fewer points than this on pixels with depth at the given extrinsic are refused.
   int min_points = 1000;
-  /// Also what only the methods that ours is compared with need.
+  /// Also the features that only the published methods need.
   bool baselines = false;
 };
 
@@ -78,7 +78,7 @@ struct FeaturePlanes {
 /// A feature is a rank: the value's place among all values of the frame in equal steps 0 .. 239 (a histogram with equal
 /// populations). Ranks do not change under any monotone distortion, so relative inverse depth of unknown scale serves
 /// as well as metres. Classes of 4, 8 or 16 ranks divide their number evenly, and `none` falls into a class of its own.
-/// Depth is compared as what the LiDAR measures, as distance along the ray from the camera, not along its axis: else
+/// Depth is compared as the LiDAR measures it, as distance along the ray from the camera and not along its axis: else
 /// the relation between the two would change over the image. All ranks of distance grow with it.
 struct FeatureSet {
   static constexpr int ranks = 240;
@@ -90,9 +90,9 @@ struct FeatureSet {
   /// Points in the LiDAR frame (m) that can be in view within the bounds. Every 32nd comes first, then what makes that
   /// every 16th, and so on: the first 1 / 2^n of them are an even sample of all.
   std::vector<float> x_m, y_m, z_m;
-  /// Ranks of a point's distance from the camera, and of its reflectance. Where the camera is, the given extrinsic
-  /// says; within a degree and some centimetres of it nothing changes. From bounds of one radian on that is not known,
-  /// and it is the distance from the LiDAR.
+  /// Ranks of a point's distance from the camera, and of its reflectance. The camera's position is that of the given
+  /// extrinsic, which is good enough within a degree and some centimetres of it. From bounds of one radian on the
+  /// position is unknown, and the distance is that from the LiDAR.
   std::vector<std::uint8_t> range_rank, reflectance_rank;
   /// The paper's: Euclidean range in the LiDAR frame, reflectance.
   std::vector<std::uint8_t> range_linear, reflectance_linear;
@@ -106,7 +106,7 @@ struct FeatureSet {
 
 /// Features of one pair. `T_camera_lidar` decides which points are culled and where their distance is taken from.
 /// Fails with `depth_failed` when `depth` is not of the camera's size, with `low_overlap` when fewer than
-/// `settings.min_points` points land on valid depth at `T_camera_lidar`.
+/// `settings.min_points` points project to valid depth at `T_camera_lidar`.
 [[nodiscard]] Result<FeatureSet> make_features(const FramePair& pair, const DepthMap& depth, const Camera& camera,
                                                const RigidTransform& T_camera_lidar,
                                                const FeatureSettings& settings = {});

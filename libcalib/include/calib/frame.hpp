@@ -59,7 +59,7 @@ struct FramePair {
   std::optional<Image> right_image;
   LidarScan scan;
   std::optional<DepthImage> depth = {};
-  /// The fastest turn between the two stamps, where somebody tells.
+  /// The fastest turn between the two stamps, where a turn rate is measured.
   std::optional<double> turn_rate_rad_s = {};
   /// Scan stamp minus image stamp.
   [[nodiscard]] std::chrono::nanoseconds time_difference() const { return scan.stamp - image.stamp; }

@@ -26,7 +26,7 @@ inline constexpr std::array<std::string_view, 6> axis_names{"roll", "pitch", "ya
 /// acts in: rotation R = Rx(roll) Ry(pitch) Rz(yaw), then translation (the paper's Theta).
 ///
 /// A LiDAR that has moved by `delta` in its own frame has `T_camera_lidar * perturbation(delta)` as its new
-/// extrinsic. So a misalignment is read directly as how far the LiDAR was knocked.
+/// extrinsic. So a misalignment reads directly as the motion of the LiDAR.
 [[nodiscard]] RigidTransform perturbation(const Vector6& delta);
 
 /// `perturbation(delta)` whose rotation turns about `pivot` (metres, same frame) instead of the origin.

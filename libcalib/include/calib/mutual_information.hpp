@@ -10,7 +10,7 @@
 
 namespace calib {
 
-/// Two features of a frame whose joint histogram is taken: one of the points, one of the pixels they land on.
+/// Two features of a frame whose joint histogram is taken: one of the points, one of the pixels that they project to.
 enum class FeaturePair {
   depth,            // rank of the distance, rank of depth
   tiled_depth,      // rank of the distance, rank of depth among its tile of the image: one histogram per tile
@@ -48,19 +48,19 @@ inline constexpr Objective depth_objective{};
 
 struct Score {
   double value = 0;
-  /// Points that landed on a pixel with a value, in the first term.
+  /// Points that project to a pixel with a value, in the first term.
   std::size_t points = 0;
 };
 
 /// The score of one frame at an extrinsic. The frame has planes. A term with fewer than `min_scored_points` points, or
-/// whose features the frame does not have, says nothing: 1 when it is normalised, else 0. Tiles count by their points.
-/// Deterministic for a given processor; processors with other vector units differ in the last bits of a pixel's place,
-/// which moves a frame's score by less than 1e-3.
+/// whose features the frame does not have, carries no information: 1 when it is normalised, else 0. Tiles are weighted
+/// by their points. Deterministic for a given processor; processors with other vector units differ in the last bits of
+/// a pixel's coordinates, which changes a frame's score by less than 1e-3.
 [[nodiscard]] Score score(const FeatureSet& features, const RigidTransform& T_camera_lidar,
                           const Objective& objective = depth_objective);
 inline constexpr std::size_t min_scored_points = 200;
 
-/// Frames as they are kept, each somewhere of its own; none is null.
+/// Frames that are stored elsewhere; none is null.
 using Frames = std::span<const FeatureSet* const>;
 
 /// The mean score over frames (paper, Eq. "MI average"; pooling the histograms instead is measurably worse).
@@ -68,8 +68,8 @@ using Frames = std::span<const FeatureSet* const>;
 [[nodiscard]] Score mean_score(Frames frames, const RigidTransform& T_camera_lidar,
                                const Objective& objective = depth_objective);
 
-/// The same at several extrinsics, frame by frame: what a frame's scores read stays in the processor's caches, which a
-/// mean over many frames runs through.
+/// The same at several extrinsics, frame by frame: the memory that a frame's scores read stays in the processor's
+/// caches, which a mean over many frames exceeds.
 [[nodiscard]] std::vector<Score> mean_scores(Frames frames, std::span<const RigidTransform> T_camera_lidar,
                                              const Objective& objective = depth_objective);
 

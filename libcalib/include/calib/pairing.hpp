@@ -7,7 +7,7 @@
 
 namespace calib {
 
-/// What a pair is not complete without, beside image and scan.
+/// What a pair needs beside image and scan.
 struct Companions {
   bool right_image = false;
   bool depth = false;
@@ -25,7 +25,7 @@ class PairBuffer {
 
   /// A pair's turn rate is known when it was measured no longer than this before the earlier stamp and no longer than
   /// this after the later one: it is the largest of those two and all in between. So odometry of 10 Hz, a little late,
-  /// will do, and a turn that begins or ends between two samples is seen.
+  /// is sufficient, and a turn that begins or ends between two samples is covered.
   static constexpr std::chrono::milliseconds turn_rate_tolerance{150};
 
   PairBuffer(std::chrono::nanoseconds max_time_difference, Companions companions);

@@ -14,10 +14,10 @@ struct DepthRange {
   double max_m = std::numeric_limits<double>::infinity();
 };
 
-/// What a pair must have to be worth asking. The reasons of a refusal are the codes of the errors.
+/// What a pair must have to be evaluated. Each limit has the error code of its refusal.
 struct QualityLimits {
-  /// `motion`: how far the vehicle may have turned between image and scan, rad, where it is known how fast it turned.
-  /// By so much the extrinsic seems to be off.
+  /// `motion`: how far the vehicle may have turned between image and scan, rad, where its turn rate is known. The
+  /// extrinsic seems to be off by as much.
   double max_turn_rad = 0.1 * radians_per_degree;
   double min_mean_grey = 20;         // `dark`: 0 .. 255
   double max_saturated_share = 0.4;  // `saturated`: of pixels at 250 and above
@@ -25,10 +25,10 @@ struct QualityLimits {
   double min_scene_change = 2;       // `standing_still`: mean absolute grey difference to the last evaluated image
   double min_valid_depth = 0.15;     // `few_valid_depth`: share of the image
   DepthRange depth_range;            // depth outside it is none
-  int min_points = 1000;             // `low_overlap`: LiDAR points that land on valid depth
+  int min_points = 1000;             // `low_overlap`: LiDAR points that project to valid depth
 };
 
-/// A small thumbnail of an image: enough to tell that the vehicle has not moved on.
+/// A small thumbnail of an image, to detect that the vehicle has not moved.
 struct SceneThumbnail {
   std::vector<std::uint8_t> grey;
 };
@@ -40,9 +40,9 @@ struct SceneThumbnail {
 [[nodiscard]] Result<void> check_pair(const FramePair& pair, const Camera& camera, const SceneThumbnail* last,
                                       const QualityLimits& limits);
 
-/// Takes depth from the pixels that cannot have any: where it is out of range, and where the image is blown out or
-/// drowned in black over more than a pixel or two, so that whatever stands there was guessed.
-/// Fails with `image_size_mismatch`, and takes nothing, where `depth` is not of the image's size.
+/// Removes the depth of pixels where it is out of range, and where the image is saturated or black over more than a
+/// pixel or two, so that no depth can be measured there. Fails with `image_size_mismatch`, and takes nothing, where
+/// `depth` is not of the image's size.
 [[nodiscard]] Result<void> mask_depth(const Image& image, const DepthRange& range, DepthMap& depth);
 
 /// `few_valid_depth`.

@@ -22,7 +22,7 @@ enum class Decision {
   proposed,     // computed, passed the gates, waiting for `calibctl accept`
   rejected,     // computed, a gate said no; the extrinsic before it stays in force
   rolled_back,  // an earlier record's extrinsic, in force again
-  baseline,     // what is normal at the extrinsic in force was learned; that extrinsic stays in force
+  baseline,     // the baseline of the extrinsic in force was learned; that extrinsic stays in force
 };
 
 /// One signed decision about a pair's extrinsic. The text of the format is proto/record.md.
@@ -51,7 +51,7 @@ struct CalibrationRecord {
     double held_back_before = 0, held_back_after = 0;
   };
   std::optional<Score> score;
-  /// What is normal at the extrinsic, as good pairs taught it: what every later verdict is relative to. Of decision
+  /// The baseline at the extrinsic, learned from good pairs: every later verdict is relative to it. Of decision
   /// `baseline`, and of no other.
   struct Baseline {
     std::uint64_t pairs = 0;
@@ -59,11 +59,11 @@ struct CalibrationRecord {
     Vector6 slope = Vector6::Zero();
     Matrix6 slope_covariance = Matrix6::Zero();
     Vector6 slope_correlation = Vector6::Zero();  // of one pair's with the next one's
-    /// How the slopes (rows) answer to a LiDAR that moves along each axis (columns), per rad and m: mean, and standard
-    /// deviation of its diagonal between pairs.
+    /// Change of the slopes (rows) when the LiDAR moves along each axis (columns), per rad and m: mean, and standard
+    /// deviation of its diagonal between pairs. `response` in JSON.
     Matrix6 response = Matrix6::Zero();
     Vector6 response_deviation = Vector6::Zero();
-    /// By how much the score stands above the mean of its twelve neighbours.
+    /// By how much the score exceeds the mean of its twelve neighbours. `peak` in JSON.
     double peak = 0, peak_deviation = 0, peak_correlation = 0;
     double score = 0, score_deviation = 0;
   };

@@ -38,8 +38,8 @@ struct PairStatus {
     Vector6 delta = Vector6::Zero(), sigma = Vector6::Zero();
   };
   std::optional<Misalignment> misalignment;
-  /// Per axis the smallest shift that would be noticed (rad, m), infinite where the axis is not observable; none before
-  /// the baseline is known.
+  /// Per axis the smallest shift that is detected (rad, m), infinite where the axis is not observable; none before
+  /// there is a baseline.
   std::optional<Vector6> noticeable;
 
   RigidTransform T_camera_lidar = RigidTransform::Identity();
@@ -69,7 +69,7 @@ struct PairStatus {
   std::optional<double> time_difference_ms;
 };
 
-/// What `misalignment` says of one axis (0 .. 5): "0.62 degrees to the left, sigma 0.05", or "not observable".
+/// `misalignment` of one axis (0 .. 5) in words: "0.62 degrees to the left, sigma 0.05", or "not observable".
 [[nodiscard]] std::string axis_in_words(const PairStatus& pair, int axis);
 
 struct Status {
@@ -79,7 +79,7 @@ struct Status {
   double uptime_s = 0;
   std::vector<PairStatus> pairs;
   std::uint64_t feed_queued = 0;
-  /// Records that calibd had written and that are in the store no more, in words.
+  /// Records that calibd has written and that are no longer in the store, in words.
   std::optional<std::string> records_missing;
 };
 

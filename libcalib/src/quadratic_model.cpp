@@ -1,4 +1,4 @@
-#include "quadratic_hill.hpp"
+#include "quadratic_model.hpp"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
@@ -15,13 +15,13 @@ Eigen::MatrixXd turned_axes(int parameters, int turn) {
   return axes - 2.0 / parameters * signs * signs.transpose();  // a reflection
 }
 
-void QuadraticHill::add(Sample sample) {
+void QuadraticModel::add(Sample sample) {
   if (sample.value > best_.value) best_ = sample;
   samples_.push_back(std::move(sample));
 }
 
-Eigen::VectorXd QuadraticHill::step_to_top(double radius, double loss, double longest) const {
-  constexpr double prior = 0.1;  // samples that what is known of the curvature beforehand counts for
+Eigen::VectorXd QuadraticModel::step_to_maximum(double radius, double loss, double longest) const {
+  constexpr double prior = 0.1;  // weight of the curvature's prior, in samples
   const int unknowns = 1 + parameters_ + parameters_ * (parameters_ + 1) / 2;
   const auto each_pair = [&](const auto& visit) {
     for (int i = 0, k = 1 + parameters_; i < parameters_; ++i)
@@ -47,7 +47,7 @@ Eigen::VectorXd QuadraticHill::step_to_top(double radius, double loss, double lo
   each_pair([&](int i, int j, int k) { curvature(i, j) = curvature(j, i) = solved[k]; });
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(curvature);
   const Eigen::VectorXd slope = axes.eigenvectors().transpose() * solved.segment(1, parameters_);
-  // A valley that seems to have no end, or to go up at both, is not followed further than this.
+  // Directions with less curvature, or with that of a minimum, get this much.
   const double flattest = std::max(0.1 * loss, 1e-12);
   Eigen::VectorXd step = slope.cwiseQuotient(axes.eigenvalues().cwiseMax(flattest));
   step *= std::min(1.0, longest / std::max(step.norm(), 1e-12));
