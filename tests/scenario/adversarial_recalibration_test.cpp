@@ -12,7 +12,7 @@
 #include <string>
 #include <string_view>
 
-#include "calib_eval/footage.hpp"
+#include "calib_eval/recording_frames.hpp"
 #include "scenario/adversities.hpp"
 #include "support/catch.hpp"
 #include "support/pair_loop.hpp"
@@ -96,7 +96,7 @@ struct World {
 /// A recorded drive with one of its depth sources.
 struct Recorded {
   Recorded(const std::filesystem::path& drive, const std::string& source, double bias)
-      : footage(test::require_ok(eval::Footage::read({.dataset = "kitti-raw",
+      : recording_frames(test::require_ok(eval::RecordingFrames::read({.dataset = "kitti-raw",
                                                       .root = drive,
                                                       .drive = {},
                                                       .camera = {},
@@ -108,29 +108,29 @@ struct Recorded {
                                                       .frames = 20}))) {}
   [[nodiscard]] std::vector<FeatureSet> features(const RigidTransform& motion) const {
     std::vector<FeatureSet> made;
-    for (const auto& frame : footage.frames) {
+    for (const auto& frame : recording_frames.frames) {
       FramePair pair = frame.pair;
       vehicle::move_lidar(pair.scan, motion);
-      made.push_back(test::require_ok(make_features(pair, frame.depth, footage.camera, footage.T_camera_lidar)));
+      made.push_back(test::require_ok(make_features(pair, frame.depth, recording_frames.camera, recording_frames.T_camera_lidar)));
     }
     return made;
   }
   [[nodiscard]] NormalScore normal() const {
-    NormalScore normal{.objective = depth_objective, .pairs = static_cast<int>(footage.frames.size())};
+    NormalScore normal{.objective = depth_objective, .pairs = static_cast<int>(recording_frames.frames.size())};
     std::vector<double> scores;
     for (const FeatureSet& frame : features(RigidTransform::Identity()))
-      scores.push_back(score(frame, footage.T_camera_lidar, normal.objective).value);
+      scores.push_back(score(frame, recording_frames.T_camera_lidar, normal.objective).value);
     for (const double one : scores) normal.mean += one / normal.pairs;
     for (const double one : scores) normal.deviation += (one - normal.mean) * (one - normal.mean) / (normal.pairs - 1);
     normal.deviation = std::sqrt(normal.deviation);
     return normal;
   }
   [[nodiscard]] double angle_off(const RigidTransform& T_camera_lidar, const RigidTransform& motion) const {
-    LidarScan scan = footage.frames.front().pair.scan;
+    LidarScan scan = recording_frames.frames.front().pair.scan;
     vehicle::move_lidar(scan, motion);
-    return test::mean_angle_off(T_camera_lidar, footage.T_camera_lidar * motion, scan, footage.camera);
+    return test::mean_angle_off(T_camera_lidar, recording_frames.T_camera_lidar * motion, scan, recording_frames.camera);
   }
-  eval::Footage footage;
+  eval::RecordingFrames recording_frames;
 };
 
 struct Case {
@@ -319,7 +319,7 @@ TEST_CASE("a knock of a recorded LiDAR is put right, and depth that is suddenly 
   const NormalScore normal = sound.normal();
   const auto recalibrated = [&](const Recorded& now, double yaw_deg) {
     const RigidTransform motion = test::knock(yaw_deg / 2, -yaw_deg / 2, yaw_deg);
-    const RigidTransform& start = now.footage.T_camera_lidar;
+    const RigidTransform& start = now.recording_frames.T_camera_lidar;
     const auto frames = now.features(motion);
     std::vector<const FeatureSet*> fit, held_back;
     for (std::size_t i = 0; i < frames.size(); ++i) (i % 4 == 3 ? held_back : fit).push_back(&frames[i]);

@@ -171,13 +171,13 @@ TEST_CASE("a knock is found, and estimated with its sign") {
     for (std::size_t number = 0; number < 20; ++number) {
       const MovedRun run = drive_with({&ladder, knock, 0}, still, settings_with(), 100, number);
       REQUIRE(run.learned);
-      CHECK(run.noticeable);
+      CHECK(run.detectable);
       REQUIRE(run.delay);
       CHECK(*run.delay <= 10);
       REQUIRE(run.settled_error);
       CHECK(std::abs(*run.settled_error) < 0.1 * radians_per_degree);
       CHECK(run.pairs_before >= DriftSettings{}.baseline_pairs);
-      CHECK(run.pairs_before <= DriftSettings{}.baseline_pairs + most_pairs_of_peace);
+      CHECK(run.pairs_before <= DriftSettings{}.baseline_pairs + most_pairs_before);
     }
   }
 }
@@ -195,7 +195,7 @@ TEST_CASE("a knock that changes nothing is never found, and that had been told")
       });
   CHECK_FALSE(run.delay);
   CHECK_FALSE(run.error);
-  CHECK_FALSE(run.noticeable);
+  CHECK_FALSE(run.detectable);
   CHECK(before == run.pairs_before);
   CHECK(pairs >= before + 50);
 }
@@ -231,7 +231,7 @@ TEST_CASE("sequences without a detection are the last of all delays") {
   CHECK(to_json(runs, true)["p95_delay_pairs"].is_null());
   CHECK(to_json(runs, true)["delays"].size() == 10);
 
-  runs.runs[9].noticeable = true;
+  runs.runs[9].detectable = true;
   runs.runs[0].learned = false;
   summary = runs.summarise();
   CHECK(summary.sequences == 9);

@@ -214,23 +214,23 @@ TEST_CASE("a restart forgets everything") {
 
 TEST_CASE("a monitor that could not notice a rotation says so and calls nothing calibrated") {
   vehicle::Random random(10);
-  for (int blind = 0; blind < 6; ++blind) {
-    Vehicle vehicle(static_cast<std::uint64_t>(blind));
+  for (int axis_of_noise = 0; axis_of_noise < 6; ++axis_of_noise) {
+    Vehicle vehicle(static_cast<std::uint64_t>(axis_of_noise));
     DriftMonitor monitor({});
     for (int pair = 0; pair < 150; ++pair) {
       AxisEvidence evidence = vehicle.see();
-      (*evidence.response)(blind, blind) *= 0.1 * random.gaussian();
+      (*evidence.response)(axis_of_noise, axis_of_noise) *= 0.1 * random.gaussian();
       REQUIRE(monitor.observe(evidence) != DriftVerdict::drifted);
-      if (blind < 3) REQUIRE(monitor.verdict() != DriftVerdict::calibrated);
+      if (axis_of_noise < 3) REQUIRE(monitor.verdict() != DriftVerdict::calibrated);
     }
-    CHECK(monitor.verdict() == (blind < 3 ? DriftVerdict::blind : DriftVerdict::calibrated));
-    for (int axis = 0; axis < 6; ++axis) CHECK(std::isfinite(monitor.noticeable_shift(axis)) == (axis != blind));
-    CHECK(monitor.misalignment()->delta[blind] == 0);
-    CHECK(monitor.misalignment()->sigma()[blind] == Approx(StencilStep{}.of_axis(blind)));
-    if (blind < 3)
-      CHECK_THAT(monitor.reason(), Catch::Matchers::ContainsSubstring(std::string(axis_names[blind])) &&
+    CHECK(monitor.verdict() == (axis_of_noise < 3 ? DriftVerdict::blind : DriftVerdict::calibrated));
+    for (int axis = 0; axis < 6; ++axis) CHECK(std::isfinite(monitor.noticeable_shift(axis)) == (axis != axis_of_noise));
+    CHECK(monitor.misalignment()->delta[axis_of_noise] == 0);
+    CHECK(monitor.misalignment()->sigma()[axis_of_noise] == Approx(StencilStep{}.of_axis(axis_of_noise)));
+    if (axis_of_noise < 3)
+      CHECK_THAT(monitor.reason(), Catch::Matchers::ContainsSubstring(std::string(axis_names[axis_of_noise])) &&
                                        Catch::Matchers::ContainsSubstring("could go unnoticed"));
-    vehicle.offset[(blind + 1) % 6] = 1;
+    vehicle.offset[(axis_of_noise + 1) % 6] = 1;
     CHECK(vehicle.drive(monitor, 20) == DriftVerdict::drifted);  // what is seen is told all the same
   }
 }

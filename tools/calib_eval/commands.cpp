@@ -30,18 +30,18 @@ std::string name_of(const Cell& cell) {
 
 /// What is looked at: features are made once, for all objectives.
 struct Landscape {
-  Footage footage;
+  RecordingFrames recording_frames;
   std::vector<FeatureSet> features;
 };
-Result<Landscape> look(const FootageOptions& footage_options, const LandscapeOptions& options) {
-  auto footage = read_footage(footage_options);
-  if (!footage) return propagate(footage);
+Result<Landscape> look(const RecordingOptions& recording_options, const LandscapeOptions& options) {
+  auto recording_frames = read_recording_frames(recording_options);
+  if (!recording_frames) return propagate(recording_frames);
   bool baselines = false;
   for (const Method method : options.methods) baselines |= needs_baseline_features(method);
-  auto features =
-      footage->features({.bounds = options.around.bounds(), .baselines = baselines}, footage_options.threads);
+  auto features = recording_frames->features({.bounds = options.around.bounds(), .baselines = baselines},
+                                             recording_options.threads);
   if (!features) return propagate(features);
-  return Landscape{*std::move(footage), *std::move(features)};
+  return Landscape{*std::move(recording_frames), *std::move(features)};
 }
 
 std::array<bool, 6> released(int degrees_of_freedom) { return Cell{{}, degrees_of_freedom, {}}.released(); }
@@ -57,39 +57,40 @@ Result<void> make_folder(const std::filesystem::path& folder) {
   return fail(ErrorCode::write_failed, "figures cannot be written into " + folder.string() + ": " + error.message());
 }
 
-std::string frames_line(const Footage& footage) {
-  return std::to_string(footage.frames.size()) + " frames, vector instructions " + std::string(vector_instructions());
+std::string frames_line(const RecordingFrames& recording_frames) {
+  return std::to_string(recording_frames.frames.size()) + " frames, vector instructions " +
+         std::string(vector_instructions());
 }
 
 }  // namespace
 
-Result<Footage> read_footage(const FootageOptions& options) {
-  auto footage = Footage::read(options);
-  if (!footage) return footage;
-  for (const auto& lines : {footage->remarks, footage->left_out})
+Result<RecordingFrames> read_recording_frames(const RecordingOptions& options) {
+  auto recording_frames = RecordingFrames::read(options);
+  if (!recording_frames) return recording_frames;
+  for (const auto& lines : {recording_frames->remarks, recording_frames->left_out})
     for (const std::string& line : lines) std::cerr << "calib-eval: " << escape_control(line) << '\n';
-  return footage;
+  return recording_frames;
 }
 
-Result<void> calibrate(const FootageOptions& footage_options, const CalibrateOptions& options,
+Result<void> calibrate(const RecordingOptions& recording_options, const CalibrateOptions& options,
                        const CommandWords& words) {
   const auto file = ResultFile::at(options.json);
   if (!file) return propagate(file);
   if (!options.figures.empty())
     if (auto made = make_folder(options.figures); !made) return made;
-  const auto footage = read_footage(footage_options);
-  if (!footage) return propagate(footage);
-  Json result = describe("calibrate", words, footage_options, *footage);
+  const auto recording_frames = read_recording_frames(recording_options);
+  if (!recording_frames) return propagate(recording_frames);
+  Json result = describe("calibrate", words, recording_options, *recording_frames);
   result["cells"] = Json::array();
   result["runs"] = Json::array();
   if (!options.figures.empty()) result["figures"] = Json::array();
-  std::cout << frames_line(*footage) << ", " << options.starts << " starts\n" << table_heading() << std::endl;
+  std::cout << frames_line(*recording_frames) << ", " << options.starts << " starts\n" << table_heading() << std::endl;
   const std::vector<Cell> cells = cells_of(options);
   for (std::size_t i = 0; i < cells.size(); ++i) {
     const auto experiment = [&] {
       Progress progress(name_of(cells[i]), static_cast<std::size_t>(options.starts));
-      return conduct(*footage, cells[i],
-                     {options.starts, footage_options.seed, footage_options.threads, [&] { progress.step(); }});
+      return conduct(*recording_frames, cells[i],
+                     {options.starts, recording_options.seed, recording_options.threads, [&] { progress.step(); }});
     }();
     if (!experiment) return propagate(experiment);
     std::cout << table_line(*experiment) << std::endl;
@@ -97,7 +98,7 @@ Result<void> calibrate(const FootageOptions& footage_options, const CalibrateOpt
     result["cells"].push_back(to_json(*experiment));
     for (Json& run : runs_to_json(*experiment, i)) result["runs"].push_back(std::move(run));
     if (!options.figures.empty()) {
-      const auto figure = draw(*footage, *experiment, options.figures);
+      const auto figure = draw(*recording_frames, *experiment, options.figures);
       if (!figure) return propagate(figure);
       if (*figure) result["figures"].push_back(to_json(**figure, i, absolute(options.json).parent_path()));
     }
@@ -107,23 +108,24 @@ Result<void> calibrate(const FootageOptions& footage_options, const CalibrateOpt
   return {};
 }
 
-Result<void> curves(const FootageOptions& footage_options, const LandscapeOptions& options, const CommandWords& words) {
+Result<void> curves(const RecordingOptions& recording_options, const LandscapeOptions& options,
+                    const CommandWords& words) {
   const auto file = ResultFile::at(options.json);
   if (!file) return propagate(file);
-  const auto seen = look(footage_options, options);
+  const auto seen = look(recording_options, options);
   if (!seen) return propagate(seen);
-  const auto& [footage, features] = *seen;
+  const auto& [recording_frames, features] = *seen;
   const auto frames = pointers(features);
-  Json result = describe("curve", words, footage_options, footage);
+  Json result = describe("curve", words, recording_options, recording_frames);
   result["curves"] = Json::array();
-  std::cout << frames_line(footage) << '\n';
+  std::cout << frames_line(recording_frames) << '\n';
   for (const Method method : options.methods) {
     const Objective objective = final_objective(method, released(options.degrees_of_freedom));
     std::cout << to_string(method) << " scores best at";
     for (int axis = 0; axis < 6; ++axis) {
       const Curve along =
-          curve(frames, footage.T_camera_lidar, objective, axis, options.around, footage_options.threads);
-      std::cout << (axis == 0 ? " " : ", ") << axis_names[axis] << ' ' << along.peak() << ' ' << unit_of(axis);
+          curve(frames, recording_frames.T_camera_lidar, objective, axis, options.around, recording_options.threads);
+      std::cout << (axis == 0 ? " " : ", ") << axis_names[axis] << ' ' << along.maximum_at() << ' ' << unit_of(axis);
       result["curves"].push_back(to_json(along, method, options.degrees_of_freedom));
     }
     std::cout << " (steps of " << options.around.step(0) << " deg, " << options.around.step(3) << " cm)" << std::endl;
@@ -131,22 +133,22 @@ Result<void> curves(const FootageOptions& footage_options, const LandscapeOption
   return file->write(result, true);
 }
 
-Result<void> surfaces(const FootageOptions& footage_options, const LandscapeOptions& options,
+Result<void> surfaces(const RecordingOptions& recording_options, const LandscapeOptions& options,
                       const CommandWords& words) {
   const auto file = ResultFile::at(options.json);
   if (!file) return propagate(file);
-  const auto seen = look(footage_options, options);
+  const auto seen = look(recording_options, options);
   if (!seen) return propagate(seen);
-  const auto& [footage, features] = *seen;
+  const auto& [recording_frames, features] = *seen;
   const auto frames = pointers(features);
-  Json result = describe("surface", words, footage_options, footage);
+  Json result = describe("surface", words, recording_options, recording_frames);
   result["surfaces"] = Json::array();
   Progress progress("surfaces", options.methods.size() * options.axis_pairs.size());
   for (const Method method : options.methods) {
     const Objective objective = final_objective(method, released(options.degrees_of_freedom));
     for (const auto& axes : options.axis_pairs) {
       const Surface over =
-          surface(frames, footage.T_camera_lidar, objective, axes, options.around, footage_options.threads);
+          surface(frames, recording_frames.T_camera_lidar, objective, axes, options.around, recording_options.threads);
       result["surfaces"].push_back(to_json(over, method, options.degrees_of_freedom));
       progress.step();
     }

@@ -5,16 +5,16 @@
 #include <string>
 #include <vector>
 
-#include "calib_eval/footage.hpp"
 #include "calib_eval/landscape.hpp"
+#include "calib_eval/recording_frames.hpp"
 
 namespace calib::eval {
 
 /// What a command says about itself in its result: its words without those that change nothing in it.
 using CommandWords = std::vector<std::string>;
 
-/// As `Footage::read`, with a line on standard error for all there is to remark.
-[[nodiscard]] Result<Footage> read_footage(const FootageOptions& options);
+/// As `RecordingFrames::read`, with a line on standard error for all there is to remark.
+[[nodiscard]] Result<RecordingFrames> read_recording_frames(const RecordingOptions& options);
 
 struct CalibrateOptions {
   std::vector<Method> methods{Method::standard};
@@ -24,7 +24,7 @@ struct CalibrateOptions {
   std::filesystem::path json, figures;  // empty: not wanted
 };
 /// Runs every cell, with a line of the table for each.
-[[nodiscard]] Result<void> calibrate(const FootageOptions& footage, const CalibrateOptions& options,
+[[nodiscard]] Result<void> calibrate(const RecordingOptions& recording_frames, const CalibrateOptions& options,
                                      const CommandWords& words);
 
 struct LandscapeOptions {
@@ -35,10 +35,10 @@ struct LandscapeOptions {
   std::filesystem::path json;
 };
 /// Scores along each axis, with where they are best.
-[[nodiscard]] Result<void> curves(const FootageOptions& footage, const LandscapeOptions& options,
+[[nodiscard]] Result<void> curves(const RecordingOptions& recording_frames, const LandscapeOptions& options,
                                   const CommandWords& words);
 /// Scores over pairs of axes.
-[[nodiscard]] Result<void> surfaces(const FootageOptions& footage, const LandscapeOptions& options,
+[[nodiscard]] Result<void> surfaces(const RecordingOptions& recording_frames, const LandscapeOptions& options,
                                     const CommandWords& words);
 
 /// How far a LiDAR is knocked: rad about an axis, or m along it. To either side.
@@ -69,7 +69,8 @@ struct DriftOptions {
 inline constexpr int usual_drift_frames = 96;
 /// What a monitor says of LiDARs that stay in their place and of LiDARs that move: sequences of pairs, drawn from what
 /// the frames were measured to say.
-[[nodiscard]] Result<void> drift(const FootageOptions& footage, const DriftOptions& options, const CommandWords& words);
+[[nodiscard]] Result<void> drift(const RecordingOptions& recording_frames, const DriftOptions& options,
+                                 const CommandWords& words);
 
 /// Becomes the program that draws `result` into `folder`; returns only when that cannot be run. Fails with
 /// `plot_missing`.

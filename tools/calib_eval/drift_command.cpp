@@ -26,20 +26,20 @@ struct Plan {
   const char* unit = "";
 };
 
-double per_pair_rad(const FootageOptions& footage, const DriftOptions& options) {
-  return options.rate_deg_per_hour * radians_per_degree * footage.period_s / 3600;
+double per_pair_rad(const RecordingOptions& recording_frames, const DriftOptions& options) {
+  return options.rate_deg_per_hour * radians_per_degree * recording_frames.period_s / 3600;
 }
 
-int pairs_of(const FootageOptions& footage, const DriftOptions& options) {
+int pairs_of(const RecordingOptions& recording_frames, const DriftOptions& options) {
   if (options.pairs > 0) return options.pairs;
-  const double rate = per_pair_rad(footage, options);
+  const double rate = per_pair_rad(recording_frames, options);
   return rate > 0 ? static_cast<int>(std::ceil(farthest_rad / rate)) : usual_pairs;
 }
 
-std::vector<Plan> plans_of(const FootageOptions& footage, const DriftOptions& options) {
+std::vector<Plan> plans_of(const RecordingOptions& recording_frames, const DriftOptions& options) {
   std::vector<Plan> plans;
-  if (const double rate = per_pair_rad(footage, options); rate > 0) {
-    const double end = rate * (pairs_of(footage, options) + settling_pairs);
+  if (const double rate = per_pair_rad(recording_frames, options); rate > 0) {
+    const double end = rate * (pairs_of(recording_frames, options) + settling_pairs);
     const int rungs = static_cast<int>(std::ceil(end / creeping_rung_rad));
     for (int axis = 0; axis < 3; ++axis)
       for (const int side : {1, -1})
@@ -57,18 +57,19 @@ std::vector<Plan> plans_of(const FootageOptions& footage, const DriftOptions& op
   return plans;
 }
 
-bool depth_is_guessed(const FootageOptions& footage, const DriftOptions& options) {
-  return options.depth_is_guessed || footage.depth.starts_with("onnx:");
+bool depth_is_guessed(const RecordingOptions& recording_frames, const DriftOptions& options) {
+  return options.depth_is_guessed || recording_frames.depth.starts_with("onnx:");
 }
 
-SequenceSettings settings_for(const FootageOptions& footage, const DriftOptions& options, std::size_t frames) {
+SequenceSettings settings_for(const RecordingOptions& recording_frames, const DriftOptions& options,
+                              std::size_t frames) {
   SequenceSettings settings;
   settings.block = options.block ? static_cast<std::size_t>(*options.block) : usual_block(frames);
-  settings.period_s = footage.period_s;
+  settings.period_s = recording_frames.period_s;
   settings.driving_hours_per_week = options.driving_hours_per_week;
-  settings.seed = footage.seed;
-  settings.threads = footage.threads;
-  settings.drift = usual_drift_settings(depth_is_guessed(footage, options));
+  settings.seed = recording_frames.seed;
+  settings.threads = recording_frames.threads;
+  settings.drift = usual_drift_settings(depth_is_guessed(recording_frames, options));
   settings.drift.false_alarms_per_pair =
       options.false_alerts_per_1000_vehicle_weeks / (1000 * settings.pairs_per_week());
   return settings;
@@ -76,7 +77,7 @@ SequenceSettings settings_for(const FootageOptions& footage, const DriftOptions&
 
 /// What is measured, and how sequences of it are made.
 struct Study {
-  const FootageOptions& footage;
+  const RecordingOptions& recording_frames;
   const DriftOptions& options;
   DriftEvidence evidence;
   std::vector<Plan> plans;
@@ -99,8 +100,8 @@ NullRun Study::without_drift(const SequenceSettings& judged, double weeks) const
 MovedRuns Study::with_drift(const SequenceSettings& judged, std::size_t plan) const {
   const Plan& moves = plans[plan];
   MovedRuns moved{moves.ladder.axis, moves.magnitude, moves.unit, std::vector<MovedRun>(options.sequences)};
-  const int pairs = pairs_of(footage, options);
-  parallel_for(moved.runs.size(), footage.threads,
+  const int pairs = pairs_of(recording_frames, options);
+  parallel_for(moved.runs.size(), recording_frames.threads,
                [&](std::size_t i) { moved.runs[i] = drive_with(movement(plan), evidence.still, judged, pairs, i); });
   return moved;
 }
@@ -126,7 +127,7 @@ Json Study::timelines(const std::vector<MovedRuns>& moved) const {
         smallest = i;
     if (!smallest) continue;
     Timeline timeline{&moved[*smallest], 0, {}, {}};
-    const auto run = drive_with(movement(*smallest), evidence.still, settings, pairs_of(footage, options), 0,
+    const auto run = drive_with(movement(*smallest), evidence.still, settings, pairs_of(recording_frames, options), 0,
                                 [&](const DriftMonitor& monitor, bool has_moved) { timeline.add(monitor, has_moved); });
     if (run.learned) timelines.push_back(to_json(timeline));
   }
@@ -139,10 +140,10 @@ Json describe_settings(const Study& study) {
           {"period_s", settings.period_s},
           {"driving_hours_per_week", settings.driving_hours_per_week},
           {"false_alerts_per_1000_vehicle_weeks", study.options.false_alerts_per_1000_vehicle_weeks},
-          {"pairs", pairs_of(study.footage, study.options)},
+          {"pairs", pairs_of(study.recording_frames, study.options)},
           {"baseline_pairs", settings.drift.baseline_pairs},
           {"max_baseline_pairs", settings.drift.max_baseline_pairs},
-          {"depth_is_guessed", depth_is_guessed(study.footage, study.options)}};
+          {"depth_is_guessed", depth_is_guessed(study.recording_frames, study.options)}};
 }
 
 /// Blocks are drawn from among others: of one alone, all sequences are the same.
@@ -152,17 +153,18 @@ Result<void> check_block(const DriftOptions& options, std::size_t frames) {
                                         std::to_string(frames) + " frames: sequences would hardly differ");
 }
 
-Result<Study> study_of(const FootageOptions& footage_options, const DriftOptions& options, const Footage& footage) {
-  Study study{footage_options,
+Result<Study> study_of(const RecordingOptions& recording_options, const DriftOptions& options,
+                       const RecordingFrames& recording_frames) {
+  Study study{recording_options,
               options,
               {},
-              plans_of(footage_options, options),
-              settings_for(footage_options, options, footage.frames.size())};
+              plans_of(recording_options, options),
+              settings_for(recording_options, options, recording_frames.frames.size())};
   std::vector<LadderPlan> ladders;
   for (const Plan& plan : study.plans) ladders.push_back(plan.ladder);
-  Progress progress("evidence", places_of(ladders) * footage.frames.size());
-  auto evidence = measure(footage, ladders, drift_objective(depth_is_guessed(footage_options, options)),
-                          footage_options.threads, [&] { progress.step(); });
+  Progress progress("evidence", places_of(ladders) * recording_frames.frames.size());
+  auto evidence = measure(recording_frames, ladders, drift_objective(depth_is_guessed(recording_options, options)),
+                          recording_options.threads, [&] { progress.step(); });
   if (!evidence) return propagate(evidence);
   study.evidence = *std::move(evidence);
   return study;
@@ -183,26 +185,26 @@ Result<KnockSize> parse_knock(const std::string& text) {
   return KnockSize{rotation, rotation ? number * radians_per_degree : number / 100};
 }
 
-Result<void> drift(const FootageOptions& footage_options, const DriftOptions& options, const CommandWords& words) {
+Result<void> drift(const RecordingOptions& recording_options, const DriftOptions& options, const CommandWords& words) {
   const auto file = ResultFile::at(options.json);  // before minutes of work
   if (!file) return propagate(file);
-  auto footage = read_footage(footage_options);
-  if (!footage) return propagate(footage);
-  const std::size_t told = footage->left_out.size();
-  const auto enough = admit(*footage);
-  for (std::size_t i = told; i < footage->left_out.size(); ++i)
-    std::cerr << "calib-eval: " << escape_control(footage->left_out[i]) << '\n';
+  auto recording_frames = read_recording_frames(recording_options);
+  if (!recording_frames) return propagate(recording_frames);
+  const std::size_t told = recording_frames->left_out.size();
+  const auto enough = admit(*recording_frames);
+  for (std::size_t i = told; i < recording_frames->left_out.size(); ++i)
+    std::cerr << "calib-eval: " << escape_control(recording_frames->left_out[i]) << '\n';
   if (!enough) return enough;
-  if (auto possible = check_block(options, footage->frames.size()); !possible) return possible;
-  Json result = describe("drift", words, footage_options, *footage);
-  const auto study = study_of(footage_options, options, *footage);
+  if (auto possible = check_block(options, recording_frames->frames.size()); !possible) return possible;
+  Json result = describe("drift", words, recording_options, *recording_frames);
+  const auto study = study_of(recording_options, options, *recording_frames);
   if (!study) return propagate(study);
   result["settings"] = describe_settings(*study);
 
-  std::cout << footage->frames.size() << " frames, vector instructions " << vector_instructions() << ".\n"
+  std::cout << recording_frames->frames.size() << " frames, vector instructions " << vector_instructions() << ".\n"
             << "Sequences are drawn from these frames, " << study->settings.block
             << " neighbours at a time: what none of them shows happens in no sequence.\n\n";
-  const auto axes = sights(study->evidence.still, study->settings);
+  const auto axes = detection_power(study->evidence.still, study->settings);
   result["axes"] = to_json(axes);
   std::cout << to_text(axes) << std::endl;
   const NullRun null = study->without_drift(study->settings, options.weeks);

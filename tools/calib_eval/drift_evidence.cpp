@@ -21,25 +21,25 @@ AxisEvidence Ladder::at(double offset, std::size_t frame) const {
   return between;
 }
 
-Result<void> admit(Footage& footage) {
+Result<void> admit(RecordingFrames& recording_frames) {
   std::optional<SceneThumbnail> last;
-  std::vector<Footage::Frame> admitted;
-  for (Footage::Frame& frame : footage.frames) {
-    auto good = check_pair(frame.pair, footage.camera, last ? &*last : nullptr, {});
+  std::vector<RecordingFrames::Frame> admitted;
+  for (RecordingFrames::Frame& frame : recording_frames.frames) {
+    auto good = check_pair(frame.pair, recording_frames.camera, last ? &*last : nullptr, {});
     if (good) good = check_depth(frame.depth, {});
     if (good) {
       last = thumbnail(frame.pair.image);
       admitted.push_back(std::move(frame));
     } else {
-      footage.left_out.push_back("frame " + frame.name + " is left out: " + good.error().context);
+      recording_frames.left_out.push_back("frame " + frame.name + " is left out: " + good.error().context);
     }
   }
-  footage.frames = std::move(admitted);
-  if (footage.frames.size() >= fewest_drift_frames) return {};
-  return fail(ErrorCode::too_few_frames, std::to_string(footage.frames.size()) + " frames can be used, and at least " +
-                                             std::to_string(fewest_drift_frames) +
-                                             " are needed to draw sequences from" +
-                                             (footage.left_out.empty() ? "" : "; " + footage.left_out.front()));
+  recording_frames.frames = std::move(admitted);
+  if (recording_frames.frames.size() >= fewest_drift_frames) return {};
+  return fail(ErrorCode::too_few_frames,
+              std::to_string(recording_frames.frames.size()) + " frames can be used, and at least " +
+                  std::to_string(fewest_drift_frames) + " are needed to draw sequences from" +
+                  (recording_frames.left_out.empty() ? "" : "; " + recording_frames.left_out.front()));
 }
 
 std::size_t places_of(const std::vector<LadderPlan>& plans) {
@@ -48,9 +48,9 @@ std::size_t places_of(const std::vector<LadderPlan>& plans) {
   return places;
 }
 
-Result<DriftEvidence> measure(const Footage& footage, const std::vector<LadderPlan>& plans, const Objective& objective,
-                              int threads, const std::function<void()>& done) {
-  const auto features = footage.features({.min_points = QualityLimits{}.min_points}, threads);
+Result<DriftEvidence> measure(const RecordingFrames& recording_frames, const std::vector<LadderPlan>& plans,
+                              const Objective& objective, int threads, const std::function<void()>& done) {
+  const auto features = recording_frames.features({.min_points = QualityLimits{}.min_points}, threads);
   if (!features) return propagate(features);
   DriftEvidence evidence;
   evidence.still.resize(features->size());
@@ -68,7 +68,7 @@ Result<DriftEvidence> measure(const Footage& footage, const std::vector<LadderPl
   parallel_for(places.size() * features->size(), threads, [&](std::size_t i) {
     const Place& place = places[i / features->size()];
     const FeatureSet& frame = (*features)[i % features->size()];
-    const RigidTransform in_force = footage.T_camera_lidar * perturbation(place.moved).inverse();
+    const RigidTransform in_force = recording_frames.T_camera_lidar * perturbation(place.moved).inverse();
     AxisEvidence& found = (*place.found)[i % features->size()];
     found = axis_evidence(evaluate_stencil(frame, in_force, {}, objective), {});
     found.response = evaluate_response(frame, in_force, {}, objective);

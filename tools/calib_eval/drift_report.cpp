@@ -44,7 +44,8 @@ std::string pairs_text(const std::optional<int>& pairs) { return pairs ? fmt::fo
 
 }  // namespace
 
-std::optional<Sights> sights(const std::vector<AxisEvidence>& still, const SequenceSettings& settings) {
+std::optional<DetectionPower> detection_power(const std::vector<AxisEvidence>& still,
+                                              const SequenceSettings& settings) {
   constexpr int vehicles = 101;
   std::array<std::vector<double>, 6> sigmas, noticeable;
   for (int vehicle = 0; vehicle < vehicles; ++vehicle) {
@@ -58,13 +59,13 @@ std::optional<Sights> sights(const std::vector<AxisEvidence>& still, const Seque
     }
   }
   if (sigmas[0].empty()) return std::nullopt;
-  Sights sights;
+  DetectionPower detection_power;
   const auto finite = [](int axis, const std::optional<double>& value) {
     return value && std::isfinite(*value) ? std::optional(shown(axis, *value)) : std::nullopt;
   };
   for (int axis = 0; axis < 6; ++axis)
-    sights[axis] = {finite(axis, quantile(sigmas[axis], 0.5)), finite(axis, quantile(noticeable[axis], 0.5))};
-  return sights;
+    detection_power[axis] = {finite(axis, quantile(sigmas[axis], 0.5)), finite(axis, quantile(noticeable[axis], 0.5))};
+  return detection_power;
 }
 
 MovedRuns::Summary MovedRuns::summarise() const {
@@ -74,7 +75,7 @@ MovedRuns::Summary MovedRuns::summarise() const {
     if (!run.learned) continue;
     ++summary.sequences;
     summary.detected += run.delay.has_value();
-    summary.foretold += !run.delay && !run.noticeable;
+    summary.foretold += !run.delay && !run.detectable;
     delays.push_back(run.delay ? static_cast<double>(*run.delay) : INFINITY);
     if (run.error) first_errors.push_back(std::abs(shown(axis, *run.error)));
     if (run.settled_error) errors.push_back(std::abs(shown(axis, *run.settled_error)));
@@ -148,14 +149,14 @@ Json to_json(const Timeline& timeline) {
   return json;
 }
 
-Json to_json(const std::optional<Sights>& sights) {
-  if (!sights) return nullptr;
+Json to_json(const std::optional<DetectionPower>& detection_power) {
+  if (!detection_power) return nullptr;
   Json axes = Json::array();
   for (int axis = 0; axis < 6; ++axis)
     axes.push_back({{"axis", axis_names[axis]},
                     {"unit", unit_of(axis)},
-                    {"sigma_of_pair", or_null((*sights)[axis].sigma_of_pair)},
-                    {"noticeable", or_null((*sights)[axis].noticeable)}});
+                    {"sigma_of_pair", or_null((*detection_power)[axis].sigma_of_pair)},
+                    {"noticeable", or_null((*detection_power)[axis].noticeable)}});
   return axes;
 }
 
@@ -167,15 +168,16 @@ Json to_json(const OperatingPoint& point) {
   return json;
 }
 
-std::string to_text(const std::optional<Sights>& sights) {
-  if (!sights) return "no baseline is ever learned from these frames: misalignment is seen from the start\n";
+std::string to_text(const std::optional<DetectionPower>& detection_power) {
+  if (!detection_power) return "no baseline is ever learned from these frames: misalignment is seen from the start\n";
   std::string lines = fmt::format("{:<6}  {:>16}  {:>17}\n", "axis", "sigma of a pair", "would be noticed");
   const auto value = [](const std::optional<double>& of, int axis) {
     return of ? fmt::format("{:.2f} {}", *of, unit_of(axis)) : "not observable";
   };
   for (int axis = 0; axis < 6; ++axis)
     lines += fmt::format("{:<6}  {:>16}  {:>17}\n", std::string(axis_names[axis]),
-                         value((*sights)[axis].sigma_of_pair, axis), value((*sights)[axis].noticeable, axis));
+                         value((*detection_power)[axis].sigma_of_pair, axis),
+                         value((*detection_power)[axis].noticeable, axis));
   return lines;
 }
 

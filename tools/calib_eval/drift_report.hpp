@@ -8,15 +8,15 @@
 
 namespace calib::eval {
 
-/// What a monitor sees along an axis once its baseline is as good as it gets, median over vehicles: standard deviation
-/// of the offset that one pair tells, and the shift that it says it would notice. Degrees or cm; nothing
-/// where the axis is not observable.
-struct AxisSight {
+/// Detection power of a monitor along an axis once its baseline is complete, median over vehicles: standard deviation of
+/// one pair's offset, and the detection limit. Degrees or cm; nothing where the axis is not observable.
+struct AxisPower {
   std::optional<double> sigma_of_pair, noticeable;
 };
-using Sights = std::array<AxisSight, 6>;
+using DetectionPower = std::array<AxisPower, 6>;
 /// Nothing when no vehicle ever learns a baseline.
-[[nodiscard]] std::optional<Sights> sights(const std::vector<AxisEvidence>& still, const SequenceSettings& settings);
+[[nodiscard]] std::optional<DetectionPower> detection_power(const std::vector<AxisEvidence>& still,
+                                                            const SequenceSettings& settings);
 
 /// All sequences of one movement.
 struct MovedRuns {
@@ -28,7 +28,7 @@ struct MovedRuns {
   struct Summary {
     int sequences = 0;  // those with a baseline
     int detected = 0;
-    int foretold = 0;  // not detected, and the monitor had said that it would not notice
+    int foretold = 0;  // not detected, and below the detection limit
     /// Over all sequences, those without a detection last: nothing when it falls among them.
     std::optional<int> median_delay, p95_delay;
     /// Medians of the error's size over the detected ones, deg or cm: `settling_pairs` after "drifted", and at it.
@@ -42,7 +42,7 @@ struct Timeline {
   const MovedRuns* of = nullptr;
   std::size_t moved_at = 0;  // number of the first pair after the LiDAR has moved
   std::vector<DriftVerdict> verdicts;
-  /// Of each axis, and of the peak that is lost: what the chart that comes nearest to its limit has of that.
+  /// Of each axis, and of the loss of the maximum: the largest share of its limit that a chart has reached.
   std::vector<std::array<double, 7>> evidence;
 
   void add(const DriftMonitor& monitor, bool moved);
@@ -58,11 +58,11 @@ struct OperatingPoint {
 [[nodiscard]] Json to_json(const NullRun& run);
 [[nodiscard]] Json to_json(const MovedRuns& runs, bool with_delays);
 [[nodiscard]] Json to_json(const Timeline& timeline);
-[[nodiscard]] Json to_json(const std::optional<Sights>& sights);
+[[nodiscard]] Json to_json(const std::optional<DetectionPower>& detection_power);
 [[nodiscard]] Json to_json(const OperatingPoint& point);
 
 /// Lines of standard output.
-[[nodiscard]] std::string to_text(const std::optional<Sights>& sights);
+[[nodiscard]] std::string to_text(const std::optional<DetectionPower>& detection_power);
 [[nodiscard]] std::string to_text(const NullRun& run);
 [[nodiscard]] std::string drift_heading();
 [[nodiscard]] std::string drift_line(const MovedRuns& runs);

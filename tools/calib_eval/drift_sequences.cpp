@@ -150,7 +150,7 @@ MovedRun drive_with(const Movement& movement, const std::vector<AxisEvidence>& s
   MovedRun run;
   Journey journey(still, settings, vehicle::mix(settings.seed, moved_frames, number));
   const int axis = movement.ladder->axis;
-  const int peaceful = vehicle::Random(vehicle::mix(settings.seed, peace, number)).below(most_pairs_of_peace + 1);
+  const int peaceful = vehicle::Random(vehicle::mix(settings.seed, peace, number)).below(most_pairs_before + 1);
   const auto seen = [&](bool moved) {
     if (watch) watch(journey.monitor, moved);
   };
@@ -161,7 +161,7 @@ MovedRun drive_with(const Movement& movement, const std::vector<AxisEvidence>& s
     left = journey.monitor.learned() ? left - 1 : peaceful + 1;
   }
   run.learned = true;
-  run.noticeable = journey.monitor.noticeable_shift(axis) <= std::abs(movement.offset(pairs));
+  run.detectable = journey.monitor.noticeable_shift(axis) <= std::abs(movement.offset(pairs));
   const auto error = [&](int pair) -> std::optional<double> {
     const auto estimate = journey.monitor.misalignment();
     if (!estimate) return std::nullopt;

@@ -38,15 +38,15 @@ struct SequenceSettings {
   [[nodiscard]] double pairs_per_week() const { return driving_hours_per_week * 3600 / period_s; }
 };
 
-/// What vehicles whose LiDAR stays in its place are told.
+/// The verdicts of vehicles whose LiDAR does not move.
 struct NullRun {
   std::int64_t sequences = 0;
-  /// Pairs on which there was a verdict; those of a baseline that is being learned, and those judged by nobody because
-  /// the evidence is too unsure.
+  /// Pairs on which there was a verdict; those of a baseline that is being learned, and those without a verdict because
+  /// of insufficient detection power.
   std::int64_t decisions = 0, learning = 0, blind = 0;
   /// Verdicts "drifted", and those of them before a baseline was learned; times that "calibrated" became "suspect".
   std::int64_t false_alarms = 0, from_start = 0, false_suspects = 0;
-  double weeks = 0;  // of driving, with decisions and without: an alarm may end a blind time, too
+  double weeks = 0;  // of driving, with decisions and without: an alarm may end a time without detection power, too
 
   /// Nothing where there was no decision at all.
   [[nodiscard]] std::optional<double> per_1000_weeks() const;
@@ -64,8 +64,8 @@ inline constexpr double weeks_per_vehicle = 10;
 /// The largest mean of a Poisson variable whose probability of being `count` or less is still 5 % (Garwood 1936).
 [[nodiscard]] double poisson_upper95(std::int64_t count);
 
-/// The monitor of vehicle `number` once it has learned all it ever will of a LiDAR that stays in its place; nothing
-/// when no baseline is ever learned.
+/// The monitor of vehicle `number` once its baseline is complete, with a LiDAR that does not move; nothing when no
+/// baseline is ever learned.
 [[nodiscard]] std::optional<DriftMonitor> experienced_monitor(const std::vector<AxisEvidence>& still,
                                                               const SequenceSettings& settings, std::size_t number);
 
@@ -77,18 +77,18 @@ struct Movement {
   [[nodiscard]] double offset(int pair) const { return at_once + per_pair * pair; }
 };
 
-/// A vehicle that drives in peace until its LiDAR moves.
+/// A vehicle whose LiDAR moves after some pairs.
 struct MovedRun {
   bool learned = false;                   // there was a baseline at all; else nothing of the rest is known
-  int pairs_before = 0;                   // of peace
-  bool noticeable = false;                // the monitor had said that it would notice the whole movement
+  int pairs_before = 0;                   // the LiDAR moved
+  bool detectable = false;                // the whole movement is at or above the detection limit
   std::optional<int> delay;               // pairs from the movement on until "drifted"; nothing: never
   std::optional<double> error{};          // of the estimate along the axis (rad or m), at "drifted"
   std::optional<double> settled_error{};  // and `settling_pairs` later
 };
 inline constexpr int settling_pairs = 10;
 /// A LiDAR moves between the last pair of the baseline's first learning and so many pairs later.
-inline constexpr int most_pairs_of_peace = 100;
+inline constexpr int most_pairs_before = 100;
 
 /// Called after each pair that a vehicle has taken.
 using Watch = std::function<void(const DriftMonitor& monitor, bool moved)>;

@@ -85,8 +85,8 @@ Summary summarise(const std::vector<Run>& runs) {
   return summary;
 }
 
-Result<Experiment> conduct(const Footage& footage, const Cell& cell, const Protocol& protocol) {
-  const auto features = footage.features(
+Result<Experiment> conduct(const RecordingFrames& recording_frames, const Cell& cell, const Protocol& protocol) {
+  const auto features = recording_frames.features(
       {.bounds = reach(cell.range), .baselines = needs_baseline_features(cell.method)}, protocol.threads);
   if (!features) return propagate(features);
   const auto frames = pointers(*features);
@@ -97,9 +97,9 @@ Result<Experiment> conduct(const Footage& footage, const Cell& cell, const Proto
     Run& run = experiment.runs[i];
     run.start = starts[i];
     const double began = thread_seconds();
-    run.result = search(frames, footage.T_camera_lidar * run.start, cell.method, settings_for(cell));
+    run.result = search(frames, recording_frames.T_camera_lidar * run.start, cell.method, settings_for(cell));
     run.seconds = thread_seconds() - began;
-    if (run.result) run.end = footage.T_camera_lidar.inverse() * run.result->T_camera_lidar;
+    if (run.result) run.end = recording_frames.T_camera_lidar.inverse() * run.result->T_camera_lidar;
     protocol.run_done();
   });
   experiment.best = best_of(experiment.runs, frames, cell);

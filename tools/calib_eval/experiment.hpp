@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "calib_eval/footage.hpp"
+#include "calib_eval/recording_frames.hpp"
 #include "calib_eval/starts.hpp"
 
 namespace calib::eval {
@@ -58,7 +58,7 @@ struct Summary {
 [[nodiscard]] Vector6 in_degrees_and_cm(const Vector6& delta);
 
 /// The optimum that scores best of all runs (of those that think of the depth's bias as most do): what the frames say
-/// the extrinsic is, and how sure they are.
+/// the extrinsic is, and with what standard error.
 struct Best {
   std::size_t run = 0;
   Uncertainty uncertainty;
@@ -79,7 +79,8 @@ struct Protocol {
 };
 
 /// All runs of a cell, in the order of their starts, whatever the number of threads. Features are made for the cell
-/// alone, so that its figures do not depend on the others. Fails as `Footage::features` does.
-[[nodiscard]] Result<Experiment> conduct(const Footage& footage, const Cell& cell, const Protocol& protocol);
+/// alone, so that its figures do not depend on the others. Fails as `RecordingFrames::features` does.
+[[nodiscard]] Result<Experiment> conduct(const RecordingFrames& recording_frames, const Cell& cell,
+                                         const Protocol& protocol);
 
 }  // namespace calib::eval

@@ -45,15 +45,15 @@ JointHistogram joint_histogram(const FeatureSet& frame, const RigidTransform& T_
   return histogram;
 }
 
-Result<std::optional<Figure>> draw(const Footage& footage, const Experiment& experiment,
+Result<std::optional<Figure>> draw(const RecordingFrames& recording_frames, const Experiment& experiment,
                                    const std::filesystem::path& folder) {
   const Cell& cell = experiment.cell;
   Figure figure;
   figure.run = experiment.runs.size() / 2;
   const Run& run = experiment.runs[figure.run];
   if (!run.result) return std::nullopt;
-  const Footage::Frame& frame = footage.frames[footage.frames.size() / 2];
-  const auto features = make_features(frame.pair, frame.depth, footage.camera, footage.T_camera_lidar,
+  const RecordingFrames::Frame& frame = recording_frames.frames[recording_frames.frames.size() / 2];
+  const auto features = make_features(frame.pair, frame.depth, recording_frames.camera, recording_frames.T_camera_lidar,
                                       {.bounds = reach(cell.range), .baselines = needs_baseline_features(cell.method)});
   if (!features) return propagate(features);
   const Objective& objective = run.result->objective;
@@ -67,9 +67,9 @@ Result<std::optional<Figure>> draw(const Footage& footage, const Experiment& exp
     RigidTransform motion;
   } views[] = {{"start", run.start}, {"end", run.end}, {"truth", RigidTransform::Identity()}};
   for (const auto& [name, motion] : views) {
-    const RigidTransform T_camera_lidar = footage.T_camera_lidar * motion;
+    const RigidTransform T_camera_lidar = recording_frames.T_camera_lidar * motion;
     const auto file = folder / (std::string(stem) + name + ".png");
-    if (auto written = write_overlay(file, frame.pair, footage.camera, T_camera_lidar); !written)
+    if (auto written = write_overlay(file, frame.pair, recording_frames.camera, T_camera_lidar); !written)
       return propagate(written);
     figure.views.push_back({name, score(*features, T_camera_lidar, objective).value,
                             joint_histogram(*features, T_camera_lidar, figure.features), file});

@@ -35,7 +35,7 @@ struct Figure {
 /// A run from the middle of the sphere, where all axes are off, in the frame in the middle of the recording. Writes its
 /// overlays, the LiDAR's points coloured by range on the image, into `folder`, which must be there. Nothing when that
 /// run has no result. Fails with `write_failed`, and as `make_features` does.
-[[nodiscard]] Result<std::optional<Figure>> draw(const Footage& footage, const Experiment& experiment,
+[[nodiscard]] Result<std::optional<Figure>> draw(const RecordingFrames& recording_frames, const Experiment& experiment,
                                                  const std::filesystem::path& folder);
 
 }  // namespace calib::eval

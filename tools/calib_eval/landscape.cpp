@@ -18,7 +18,7 @@ double in_si(int axis, double offset) { return is_rotation(axis) ? offset * radi
 
 }  // namespace
 
-double Curve::peak() const { return offsets[std::ranges::max_element(scores) - scores.begin()]; }
+double Curve::maximum_at() const { return offsets[std::ranges::max_element(scores) - scores.begin()]; }
 
 Curve curve(Frames frames, const RigidTransform& T_camera_lidar, const Objective& objective, int axis,
             const LookAround& around, int threads) {

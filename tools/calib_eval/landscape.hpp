@@ -3,7 +3,7 @@
 #include <vector>
 
 #include "calib/search.hpp"
-#include "calib_eval/footage.hpp"
+#include "calib_eval/recording_frames.hpp"
 
 namespace calib::eval {
 
@@ -13,7 +13,7 @@ struct Curve {
   std::vector<double> offsets, scores;
 
   /// The offset that scores best.
-  [[nodiscard]] double peak() const;
+  [[nodiscard]] double maximum_at() const;
 };
 
 /// The objective over two axes: `scores[i * offsets[1].size() + j]` at the i-th offset of the first and the j-th of the

@@ -118,7 +118,7 @@ class CommandLine {
   void finish_drift(const CLI::App& drift);
 
   CommandWords words_;
-  FootageOptions footage_;
+  RecordingOptions recording_frames_;
   CalibrateOptions calibrate_;
   LandscapeOptions landscape_;
   DriftOptions drift_;
@@ -143,7 +143,7 @@ CommandWords telling_words(int argc, char** argv) {
 }
 
 CommandLine::CommandLine(int argc, char** argv) : words_(telling_words(argc, argv)) {
-  footage_.threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
+  recording_frames_.threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
   app.require_subcommand(1);
   app.set_version_flag("--version", "calib-eval " CALIBD_VERSION);
   add_calibrate();
@@ -160,24 +160,24 @@ CLI::App* CommandLine::subcommand(const std::string& name, const std::string& wh
 }
 
 void CommandLine::add_recording(CLI::App& to, bool or_simulation) {
-  auto* const dataset = to.add_option("--dataset", footage_.dataset, "Layout of the recording")
+  auto* const dataset = to.add_option("--dataset", recording_frames_.dataset, "Layout of the recording")
                             ->check(CLI::IsMember({"kitti-raw", "kitti-360", "list"}));
-  auto* const root =
-      to.add_option("--root", footage_.root, "DATE/DRIVE of kitti-raw, root of kitti-360, YAML file of a list");
+  auto* const root = to.add_option("--root", recording_frames_.root,
+                                   "DATE/DRIVE of kitti-raw, root of kitti-360, YAML file of a list");
   dataset->required(!or_simulation)->needs(root);
   root->required(!or_simulation)->needs(dataset);
   if (or_simulation) {
     auto* const sim = to.add_flag("--sim", simulated_, "Simulated streets instead of a recording")->excludes(dataset);
-    to.add_option("--sim-places", footage_.places, "Streets, of seeds from --seed on")
+    to.add_option("--sim-places", recording_frames_.places, "Streets, of seeds from --seed on")
         ->needs(sim)
         ->check(whole_number(1, 1000))
         ->capture_default_str();
   }
-  to.add_option("--drive", footage_.drive, "Drive of kitti-360");
-  to.add_option("--camera", footage_.camera,
+  to.add_option("--drive", recording_frames_.drive, "Drive of kitti-360");
+  to.add_option("--camera", recording_frames_.camera,
                 "image_00 .. image_03; default image_02 of kitti-raw, image_00 of kitti-360");
   auto* const source =
-      to.add_option("--depth", footage_.depth,
+      to.add_option("--depth", recording_frames_.depth,
                     or_simulation ? "Depth that is made: stereo, onnx:DESCRIPTOR or, of simulated streets, true"
                                   : "Depth that is made: stereo, or onnx:DESCRIPTOR")
           ->check(CLI::Validator(
@@ -187,24 +187,25 @@ void CommandLine::add_recording(CLI::App& to, bool or_simulation) {
                 return known ? std::string() : text + " is neither stereo nor onnx:DESCRIPTOR";
               },
               "stereo|onnx:DESCRIPTOR"));
-  auto* const folder = to.add_option("--depth-dir", footage_.depth_dir, "Depth from the files of this folder");
-  auto* const kind = to.add_option("--depth-kind", footage_.depth_kind, "disparity, inverse, depth or range")
+  auto* const folder = to.add_option("--depth-dir", recording_frames_.depth_dir, "Depth from the files of this folder");
+  auto* const kind = to.add_option("--depth-kind", recording_frames_.depth_kind, "disparity, inverse, depth or range")
                          ->check(parses(parse_depth_kind, "KIND"));
   folder->needs(kind)->excludes(source);
   kind->needs(folder);
-  to.add_option("--depth-scale", footage_.depth_scale, "What is stored divided by this is the value")
+  to.add_option("--depth-scale", recording_frames_.depth_scale, "What is stored divided by this is the value")
       ->needs(folder)
       ->check(number(1e-9, 1e9));
-  to.add_option("--depth-bias", footage_.depth_bias, "Spoil the depth by a smooth random field of this amplitude")
+  to.add_option("--depth-bias", recording_frames_.depth_bias,
+                "Spoil the depth by a smooth random field of this amplitude")
       ->check(number(0, 0.99))
       ->capture_default_str();
-  to.add_option("--seed", footage_.seed, "Which field, and which orientations")
+  to.add_option("--seed", recording_frames_.seed, "Which field, and which orientations")
       ->check(whole_number(0, std::numeric_limits<std::uint64_t>::max()))
       ->capture_default_str();
-  to.add_option("--frames", footage_.frames, "So many, spread evenly over the recording")
-      ->check(whole_number(Footage::fewest_frames, 10000))
+  to.add_option("--frames", recording_frames_.frames, "So many, spread evenly over the recording")
+      ->check(whole_number(RecordingFrames::fewest_frames, 10000))
       ->capture_default_str();
-  to.add_option("--threads", footage_.threads, "The result does not depend on it")
+  to.add_option("--threads", recording_frames_.threads, "The result does not depend on it")
       ->check(whole_number(1, 1024))
       ->capture_default_str();
 }
@@ -217,17 +218,18 @@ void CommandLine::add_objectives(CLI::App& to) {
 }
 
 void CommandLine::check_recording() const {
-  if (footage_.depth.empty() && footage_.depth_dir.empty()) throw CLI::RequiredError("--depth or --depth-dir");
-  if (footage_.dataset == "kitti-360" && footage_.drive.empty()) throw CLI::RequiredError("--drive");
-  if (footage_.dataset != "kitti-360" && !footage_.drive.empty())
+  if (recording_frames_.depth.empty() && recording_frames_.depth_dir.empty())
+    throw CLI::RequiredError("--depth or --depth-dir");
+  if (recording_frames_.dataset == "kitti-360" && recording_frames_.drive.empty()) throw CLI::RequiredError("--drive");
+  if (recording_frames_.dataset != "kitti-360" && !recording_frames_.drive.empty())
     throw CLI::ValidationError("--drive", "is for kitti-360");
-  if (footage_.dataset == "list" && !footage_.camera.empty())
+  if (recording_frames_.dataset == "list" && !recording_frames_.camera.empty())
     throw CLI::ValidationError("--camera", "is not for a list, whose file describes the camera");
 }
 
 void CommandLine::add_calibrate() {
   CLI::App* const added = subcommand("calibrate", "Searches from many wrong extrinsics, and how they end",
-                                     [this] { return calibrate(footage_, calibrate_, words_); });
+                                     [this] { return calibrate(recording_frames_, calibrate_, words_); });
   add_recording(*added);
   add_objectives(*added);
   const CLI::Validator range(
@@ -268,7 +270,7 @@ void CommandLine::finish_calibrate() {
 
 void CommandLine::add_landscape(const std::string& name, const std::string& what, bool of_pairs) {
   CLI::App* const added = subcommand(name, what, [this, of_pairs] {
-    return of_pairs ? surfaces(footage_, landscape_, words_) : curves(footage_, landscape_, words_);
+    return of_pairs ? surfaces(recording_frames_, landscape_, words_) : curves(recording_frames_, landscape_, words_);
   });
   add_recording(*added);
   add_objectives(*added);
@@ -300,7 +302,7 @@ void CommandLine::add_landscape(const std::string& name, const std::string& what
 void CommandLine::add_drift() {
   CLI::App* const added =
       subcommand("drift", "How soon a LiDAR that moves is noticed, and how often one that does not raises an alarm",
-                 [this] { return drift(footage_, drift_, words_); });
+                 [this] { return drift(recording_frames_, drift_, words_); });
   add_recording(*added, true);
   added->get_option("--frames")->default_str(std::to_string(usual_drift_frames));
   auto* const knocks = added->add_option("--knock", knocks_, "How far LiDARs move, such as 0.25deg,10cm")
@@ -316,7 +318,7 @@ void CommandLine::add_drift() {
   added->add_option("--weeks", drift_.weeks, "Vehicle-weeks of LiDARs that do not move")
       ->check(number(0.01, 1e6))
       ->capture_default_str();
-  added->add_option("--period-s", footage_.period_s, "Seconds between two pairs")
+  added->add_option("--period-s", recording_frames_.period_s, "Seconds between two pairs")
       ->check(number(0.01, 3600))
       ->capture_default_str();
   added->add_option("--driving-hours-per-week", drift_.driving_hours_per_week, "What makes a vehicle-week")
@@ -330,22 +332,22 @@ void CommandLine::add_drift() {
   added->add_option("--block", drift_.block, "Frames that stay together; default: the cube root of their number")
       ->check(whole_number(1, 10000));
   added->add_flag("--guessed-depth", drift_.depth_is_guessed,
-                  "A network has guessed the depth from one image: it is judged as that of onnx: is");
+                  "The depth is monocular: it is judged as that of onnx: is");
   added->add_option("--json", drift_.json, "Write the result into this file");
   added->parse_complete_callback([this, added] { finish_drift(*added); });
 }
 
 void CommandLine::finish_drift(const CLI::App& drift) {
-  if (drift.count("--frames") == 0) footage_.frames = usual_drift_frames;
+  if (drift.count("--frames") == 0) recording_frames_.frames = usual_drift_frames;
   if (simulated_) {
-    footage_.dataset = "sim";
-    if (footage_.depth.empty()) footage_.depth = "stereo";
-    if (!footage_.depth_dir.empty()) throw CLI::ExcludesError("--depth-dir", "--sim");
+    recording_frames_.dataset = "sim";
+    if (recording_frames_.depth.empty()) recording_frames_.depth = "stereo";
+    if (!recording_frames_.depth_dir.empty()) throw CLI::ExcludesError("--depth-dir", "--sim");
     for (const char* name : {"--camera", "--drive"})
       if (drift.count(name) > 0) throw CLI::ExcludesError(name, "--sim");
   } else {
-    if (footage_.dataset.empty()) throw CLI::RequiredError("--dataset or --sim");
-    if (footage_.depth == "true") throw CLI::ValidationError("--depth", "true is for --sim");
+    if (recording_frames_.dataset.empty()) throw CLI::RequiredError("--dataset or --sim");
+    if (recording_frames_.depth == "true") throw CLI::ValidationError("--depth", "true is for --sim");
     check_recording();
   }
   if (knocks_.empty()) knocks_ = {"0.25deg", "0.5deg", "1deg", "10cm", "20cm"};

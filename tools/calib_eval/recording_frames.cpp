@@ -1,4 +1,4 @@
-#include "calib_eval/footage.hpp"
+#include "calib_eval/recording_frames.hpp"
 
 #include <fmt/format.h>
 
@@ -31,7 +31,7 @@ struct Source {
   std::function<DepthMap(std::size_t)> true_depth = {};  // where it is known
 };
 
-Result<Source> open_recording(const FootageOptions& options) {
+Result<Source> open_recording(const RecordingOptions& options) {
   const auto recording = [&] {
     if (options.dataset == "kitti-raw")
       return open_kitti_raw(options.root, options.camera.empty() ? "image_02" : options.camera);
@@ -51,7 +51,7 @@ Result<Source> open_recording(const FootageOptions& options) {
   return source;
 }
 
-Result<Source> open_simulation(const FootageOptions& options) {
+Result<Source> open_simulation(const RecordingOptions& options) {
   auto driven =
       SimulatedDrive::drive({options.places, options.frames, options.period_s, options.seed, options.threads});
   if (!driven) return propagate(driven);
@@ -68,7 +68,7 @@ Result<Source> open_simulation(const FootageOptions& options) {
   return source;
 }
 
-Result<Source> open(const FootageOptions& options) {
+Result<Source> open(const RecordingOptions& options) {
   return options.dataset == "sim" ? open_simulation(options) : open_recording(options);
 }
 
@@ -79,7 +79,7 @@ struct Network {
 };
 
 /// Returns the remark of `DepthEstimator::prepare`.
-Result<std::string> open(Network& network, const FootageOptions& options, const Camera& camera) {
+Result<std::string> open(Network& network, const RecordingOptions& options, const Camera& camera) {
   constexpr std::string_view prefix = "onnx:";
   if (!options.depth.starts_with(prefix)) return std::string();
   auto estimator = make_onnx_depth(options.depth.substr(prefix.size()), camera, {.threads = options.threads});
@@ -88,7 +88,7 @@ Result<std::string> open(Network& network, const FootageOptions& options, const 
   return network.estimator->prepare();
 }
 
-Result<DepthMap> depth_of(const FootageOptions& options, const Source& source, Network& network, std::size_t index,
+Result<DepthMap> depth_of(const RecordingOptions& options, const Source& source, Network& network, std::size_t index,
                           const FramePair& pair) {
   const auto unbiased = [&]() -> Result<DepthMap> {
     if (network.estimator) {
@@ -119,7 +119,7 @@ struct Reading {
   std::optional<Error> useless;
 };
 
-Reading read_frame(const FootageOptions& options, const Source& source, Network& network, std::size_t index) {
+Reading read_frame(const RecordingOptions& options, const Source& source, Network& network, std::size_t index) {
   Reading reading;
   reading.pair = source.frame(index, network.estimator ? Colours::rgb : Colours::grey);
   if (!reading.pair) return reading;
@@ -147,7 +147,7 @@ std::string abridged(const std::vector<std::string>& phrases) {
 }
 
 /// What shows at the recording's own extrinsic before anything is made of it.
-Result<void> check_source(const FootageOptions& options, const Source& source) {
+Result<void> check_source(const RecordingOptions& options, const Source& source) {
   if (options.depth == "stereo" && !source.has_stereo)
     return fail(ErrorCode::stereo_missing, options.root.string() +
                                                " has no right images, or no baseline is known: stereo depth "
@@ -163,32 +163,34 @@ Result<void> check_source(const FootageOptions& options, const Source& source) {
 }
 
 /// Before frames are blamed for what the extrinsic does. What only the depth speaks against is a remark.
-Result<void> check_first(const Reading& first, Footage& footage) {
+Result<void> check_first(const Reading& first, RecordingFrames& recording_frames) {
   const LidarScan& scan = first.pair->scan;
-  const auto likely =
-      examine_extrinsic(footage.camera, footage.T_camera_lidar, scan, first.depth ? &*first.depth : nullptr).likely;
+  const auto likely = examine_extrinsic(recording_frames.camera, recording_frames.T_camera_lidar, scan,
+                                        first.depth ? &*first.depth : nullptr)
+                          .likely;
   const std::string words = likely ? std::string(likely->words) : "";
-  auto plausible = check_extrinsic(footage.camera, footage.T_camera_lidar, scan);
+  auto plausible = check_extrinsic(recording_frames.camera, recording_frames.T_camera_lidar, scan);
   if (plausible && likely)
-    footage.remarks.push_back("T_camera_lidar does not go with the depth: " + words);
+    recording_frames.remarks.push_back("T_camera_lidar does not go with the depth: " + words);
   else if (!plausible && likely && plausible.error().context.find(words) == std::string::npos)
     plausible.error().context += "; by the depth, " + words;
   return plausible;
 }
 
-std::optional<FootageAgreement> agreement_of(const Footage& footage, int threads) {
-  const auto& frames = footage.frames;
+std::optional<RecordingAgreement> agreement_of(const RecordingFrames& recording_frames, int threads) {
+  const auto& frames = recording_frames.frames;
   struct Pair {
     std::optional<DepthAgreement> own, other;
   };
   std::vector<Pair> pairs(frames.size());
   parallel_for(frames.size(), threads, [&](std::size_t i) {
     const auto with = [&](std::size_t cloud) {
-      return depth_agreement(frames[i].depth, footage.camera, footage.T_camera_lidar, frames[cloud].pair.scan);
+      return depth_agreement(frames[i].depth, recording_frames.camera, recording_frames.T_camera_lidar,
+                             frames[cloud].pair.scan);
     };
     pairs[i] = {with(i), with((i + frames.size() / 2) % frames.size())};
   });
-  FootageAgreement agreement;
+  RecordingAgreement agreement;
   std::vector<double> correlations;
   for (const auto& [own, other] : pairs) {
     if (!own) continue;
@@ -205,18 +207,18 @@ std::optional<FootageAgreement> agreement_of(const Footage& footage, int threads
 }
 
 /// Of wrong input that can be evaluated all the same: some do that on purpose.
-void remark_on_agreement(const FootageOptions& options, Footage& footage) {
-  if (!footage.agreement) return;
-  const FootageAgreement& agreement = *footage.agreement;
+void remark_on_agreement(const RecordingOptions& options, RecordingFrames& recording_frames) {
+  if (!recording_frames.agreement) return;
+  const RecordingAgreement& agreement = *recording_frames.agreement;
   const std::string numbers =
       fmt::format("(rank correlation {:.2f} over {} points)", agreement.rank_correlation, agreement.points);
   if (!agreement.grows_with_range())
-    footage.remarks.push_back("at the recording's own extrinsic the depth does not grow with the LiDAR's range " +
-                              numbers + ": " +
-                              (options.depth_dir.empty() ? "is the extrinsic" : "are --depth-kind and the extrinsic") +
-                              " right, and do images, depth and clouds belong together?");
+    recording_frames.remarks.push_back(
+        "at the recording's own extrinsic the depth does not grow with the LiDAR's range " + numbers + ": " +
+        (options.depth_dir.empty() ? "is the extrinsic" : "are --depth-kind and the extrinsic") +
+        " right, and do images, depth and clouds belong together?");
   else if (!agreement.clouds_belong())
-    footage.remarks.push_back(
+    recording_frames.remarks.push_back(
         "the depth of " + std::to_string(agreement.frames - agreement.own_cloud_better) + " of " +
         std::to_string(agreement.frames) +
         " frames agrees no better with their own cloud than with that of another frame: do images "
@@ -224,13 +226,14 @@ void remark_on_agreement(const FootageOptions& options, Footage& footage) {
 }
 
 /// What there is too little of, and why.
-std::string too_few(const Footage& footage, std::size_t tried, const Source& source) {
+std::string too_few(const RecordingFrames& recording_frames, std::size_t tried, const Source& source) {
   const bool all = tried == source.names.size();
   const std::size_t told = source.lacks.empty() ? 0 : 1;  // what frames lack is one sentence of those
-  return std::to_string(footage.frames.size()) + " of " + std::to_string(tried + (all ? source.lacks.size() : 0)) +
-         " frames can be used, and " + std::to_string(Footage::fewest_frames) + " are needed" +
+  return std::to_string(recording_frames.frames.size()) + " of " +
+         std::to_string(tried + (all ? source.lacks.size() : 0)) + " frames can be used, and " +
+         std::to_string(RecordingFrames::fewest_frames) + " are needed" +
          (all && !source.lacks.empty() ? ": " + abridged(source.lacks) : "") +
-         (footage.left_out.size() > told ? "; " + footage.left_out[told] : "");
+         (recording_frames.left_out.size() > told ? "; " + recording_frames.left_out[told] : "");
 }
 
 }  // namespace
@@ -243,7 +246,7 @@ std::vector<std::size_t> spread_evenly(std::size_t available, std::size_t wanted
   return indices;
 }
 
-Result<Footage> Footage::read(const FootageOptions& options) {
+Result<RecordingFrames> RecordingFrames::read(const RecordingOptions& options) {
   const auto source = open(options);
   if (!source) return propagate(source);
   if (auto good = check_source(options, *source); !good) return propagate(good);
@@ -255,31 +258,31 @@ Result<Footage> Footage::read(const FootageOptions& options) {
   parallel_for(indices.size(), options.threads,
                [&](std::size_t i) { readings[i] = read_frame(options, *source, network, indices[i]); });
 
-  Footage footage{source->camera, source->T_camera_lidar, {}, {}, {}, {}};
-  if (!remark->empty()) footage.remarks.push_back(*std::move(remark));
+  RecordingFrames recording_frames{source->camera, source->T_camera_lidar, {}, {}, {}, {}};
+  if (!remark->empty()) recording_frames.remarks.push_back(*std::move(remark));
   if (!source->lacks.empty())
-    footage.left_out.push_back(std::to_string(source->lacks.size()) + " of " +
-                               std::to_string(source->lacks.size() + source->names.size()) +
-                               " frames are left out: " + abridged(source->lacks));
+    recording_frames.left_out.push_back(std::to_string(source->lacks.size()) + " of " +
+                                        std::to_string(source->lacks.size() + source->names.size()) +
+                                        " frames are left out: " + abridged(source->lacks));
   for (std::size_t i = 0; i < indices.size(); ++i) {
     Reading& reading = readings[i];
     if (!reading.pair) return tl::unexpected(reading.pair.error());
     if (i == 0)
-      if (auto plausible = check_first(reading, footage); !plausible) return propagate(plausible);
+      if (auto plausible = check_first(reading, recording_frames); !plausible) return propagate(plausible);
     const std::string& name = source->names[indices[i]];
     if (reading.useless)
-      footage.left_out.push_back("frame " + name + " is left out: " + reading.useless->context);
+      recording_frames.left_out.push_back("frame " + name + " is left out: " + reading.useless->context);
     else
-      footage.frames.push_back({name, *std::move(reading.pair), *std::move(reading.depth)});
+      recording_frames.frames.push_back({name, *std::move(reading.pair), *std::move(reading.depth)});
   }
-  if (footage.frames.size() < fewest_frames)
-    return fail(ErrorCode::too_few_frames, too_few(footage, indices.size(), *source));
-  footage.agreement = agreement_of(footage, options.threads);
-  remark_on_agreement(options, footage);
-  return footage;
+  if (recording_frames.frames.size() < fewest_frames)
+    return fail(ErrorCode::too_few_frames, too_few(recording_frames, indices.size(), *source));
+  recording_frames.agreement = agreement_of(recording_frames, options.threads);
+  remark_on_agreement(options, recording_frames);
+  return recording_frames;
 }
 
-Result<std::vector<FeatureSet>> Footage::features(const FeatureSettings& settings, int threads) const {
+Result<std::vector<FeatureSet>> RecordingFrames::features(const FeatureSettings& settings, int threads) const {
   std::vector<Result<FeatureSet>> made(frames.size(), fail(ErrorCode::not_made, ""));
   parallel_for(frames.size(), threads, [&](std::size_t i) {
     made[i] = make_features(frames[i].pair, frames[i].depth, camera, T_camera_lidar, settings);

@@ -12,7 +12,7 @@
 namespace calib::eval {
 
 /// Which frames of which recording, and where their depth comes from.
-struct FootageOptions {
+struct RecordingOptions {
   std::string dataset;  // kitti-raw, kitti-360, list or sim: streets that are simulated
   std::filesystem::path root;
   std::string drive, camera;  // empty: the layout's usual camera
@@ -28,22 +28,22 @@ struct FootageOptions {
   double period_s = 10;  // sim: of driving, between two frames
 };
 
-/// How the depth of a recording goes with its clouds, at its own extrinsic.
-struct FootageAgreement {
+/// How the depth of a recording agrees with its clouds, at its own extrinsic.
+struct RecordingAgreement {
   double rank_correlation = 0;  // of depth and range, median over the frames: `DepthAgreement`
   std::size_t points = 0;       // that it is of
   /// Frames, and those of them whose depth agrees better with their own cloud than with that of the frame half a
   /// recording away.
   std::size_t frames = 0, own_cloud_better = 0;
 
-  /// With good depth 0.95 and more; 0.4 where the LiDAR is turned by 20 degrees; negative where near is far.
+  /// With good depth 0.95 and more; 0.4 where the LiDAR is rotated by 20 degrees; negative where depth is inverted.
   [[nodiscard]] bool grows_with_range() const { return rank_correlation >= 0.5; }
   /// With clouds of other frames it is half of them; with the right ones and coarse depth of a network, four in five.
   [[nodiscard]] bool clouds_belong() const { return 3 * own_cloud_better >= 2 * frames; }
 };
 
 /// Frames that can be evaluated, with their depth. What is wrong with the others is in `left_out`, a sentence each.
-struct Footage {
+struct RecordingFrames {
   struct Frame {
     std::string name;
     FramePair pair;
@@ -54,18 +54,18 @@ struct Footage {
   RigidTransform T_camera_lidar;
   std::vector<Frame> frames;
   std::vector<std::string> left_out;
-  std::optional<FootageAgreement> agreement;  // nothing where hardly a point lands on depth
-  /// What looks wrong, a sentence each; mostly none.
+  std::optional<RecordingAgreement> agreement;  // nothing where hardly a point projects to depth
+  /// What looks wrong, a sentence each.
   std::vector<std::string> remarks;
 
-  /// Fewer say nothing worth knowing.
+  /// Fewer frames carry too little information.
   static constexpr std::size_t fewest_frames = 3;
 
   /// Reads `options.frames` frames spread evenly over the recording (all, where it has no more), and makes or reads
   /// their depth; or drives through simulated streets for them. Fails as opening the recording and reading its frames
   /// do; as `make_onnx_depth` and the network's self-test do; with `extrinsic_implausible`, `stereo_missing`,
   /// `depth_missing` and `too_few_frames`. Frames without usable depth or overlap are left out.
-  [[nodiscard]] static Result<Footage> read(const FootageOptions& options);
+  [[nodiscard]] static Result<RecordingFrames> read(const RecordingOptions& options);
 
   /// Features of all frames at the recording's extrinsic. Fails as `make_features` does.
   [[nodiscard]] Result<std::vector<FeatureSet>> features(const FeatureSettings& settings, int threads) const;

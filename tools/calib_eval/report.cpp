@@ -35,7 +35,7 @@ Json to_json(const Camera& camera) {
           {"distortion", camera.distortion()}};
 }
 
-Json describe_depth(const FootageOptions& options) {
+Json describe_depth(const RecordingOptions& options) {
   Json depth;
   if (options.depth.empty()) {
     depth = {{"source", "files"}, {"folder", options.depth_dir.string()}, {"kind", options.depth_kind}};
@@ -47,7 +47,7 @@ Json describe_depth(const FootageOptions& options) {
   return depth;
 }
 
-Json to_json(const std::optional<FootageAgreement>& agreement) {
+Json to_json(const std::optional<RecordingAgreement>& agreement) {
   if (!agreement) return nullptr;
   return {{"rank_correlation", agreement->rank_correlation},
           {"points", agreement->points},
@@ -103,10 +103,10 @@ tl::unexpected<Error> write_failed(const fs::path& file, const std::string& why 
 
 }  // namespace
 
-Json describe(const char* kind, const std::vector<std::string>& command, const FootageOptions& options,
-              const Footage& footage) {
+Json describe(const char* kind, const std::vector<std::string>& command, const RecordingOptions& options,
+              const RecordingFrames& recording_frames) {
   std::vector<std::string> names;
-  for (const Footage::Frame& frame : footage.frames) names.push_back(frame.name);
+  for (const RecordingFrames::Frame& frame : recording_frames.frames) names.push_back(frame.name);
   return {{"schema", 1},
           {"kind", kind},
           {"complete", false},
@@ -117,12 +117,12 @@ Json describe(const char* kind, const std::vector<std::string>& command, const F
            {{"dataset", options.dataset},
             {"root", options.root.string()},
             {"drive", options.drive},
-            {"camera", to_json(footage.camera)},
-            {"T_camera_lidar", to_json(footage.T_camera_lidar)},
+            {"camera", to_json(recording_frames.camera)},
+            {"T_camera_lidar", to_json(recording_frames.T_camera_lidar)},
             {"depth", describe_depth(options)},
-            {"depth_agreement", to_json(footage.agreement)},
+            {"depth_agreement", to_json(recording_frames.agreement)},
             {"frames", names},
-            {"left_out", footage.left_out}}},
+            {"left_out", recording_frames.left_out}}},
           {"seed", options.seed}};
 }
 

@@ -14,8 +14,8 @@ namespace calib::eval {
 using Json = nlohmann::ordered_json;
 
 /// What every result begins with: what was done to which frames. `kind` is calibrate, curve, surface or drift.
-[[nodiscard]] Json describe(const char* kind, const std::vector<std::string>& command, const FootageOptions& options,
-                            const Footage& footage);
+[[nodiscard]] Json describe(const char* kind, const std::vector<std::string>& command, const RecordingOptions& options,
+                            const RecordingFrames& recording_frames);
 
 [[nodiscard]] Json to_json(const Experiment& experiment);
 /// Of cell number `cell`, each.

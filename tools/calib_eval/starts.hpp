@@ -28,7 +28,7 @@ struct ErrorRange {
 [[nodiscard]] std::vector<RigidTransform> starting_motions(const ErrorRange& range, bool with_translation, int count,
                                                            std::uint64_t seed);
 
-/// Limits for a search from such starts: wider than they are, so that they do not tell the answer.
+/// Limits for a search from such starts: wider than they are, so that they do not give the answer away.
 /// 1.25 times the range, and 1 degree and 10 cm.
 [[nodiscard]] SearchBounds search_bounds(const ErrorRange& range);
 
