@@ -30,7 +30,7 @@ enum class Material : std::uint8_t {
   shadow,
   ground,   // any road, field or verge
   foliage,  // any greenery
-  pattern,  // stripes, checks or blotches: brightness that says nothing of shape
+  pattern,  // stripes, checks or blotches: brightness that is independent of the shape
   marking,
 };
 

@@ -175,14 +175,14 @@ Result<void> dump(const Vehicle& vehicle, const PlayOptions& options, const Knoc
 
 Timestamp wall_time() { return std::chrono::system_clock::now().time_since_epoch(); }
 
-/// Tells how the vehicle turns, where that is asked for: at given moments, and a hundred times a second while it waits.
+/// Publishes the turn rate, where that is asked for: at given moments, and a hundred times a second while it waits.
 class MotionTeller {
  public:
   MotionTeller(const Vehicle& vehicle, Publisher& publisher, bool wanted)
       : vehicle_(vehicle), publisher_(publisher), wanted_(wanted) {}
 
   /// At `stamp` the vehicle has driven for `t_s`.
-  void tell(Timestamp stamp, double t_s) {
+  void publish(Timestamp stamp, double t_s) {
     stamp_ = stamp, t_s_ = t_s;
     if (wanted_ && sent_) sent_ = publisher_.publish_motion(stamp, vehicle_.angular_velocity(t_s));
   }
@@ -193,7 +193,7 @@ class MotionTeller {
       if (end_signals.arrived_before(next)) return true;
       if (next == time) return false;
       const Timestamp now = wall_time();
-      tell(now, t_s_ + std::chrono::duration<double>(now - stamp_).count());
+      publish(now, t_s_ + std::chrono::duration<double>(now - stamp_).count());
     }
     return true;
   }
@@ -245,12 +245,12 @@ Result<void> drive(const Vehicle& vehicle, const PlayOptions& options, const Kno
     const Timestamp now = wall_time();
     pair->image.stamp = pair->right_image->stamp = now;
     pair->scan.stamp = now + late + nanoseconds(1e-3 * options.time_offset_ms);
-    motion.tell(now, t_s);
+    motion.publish(now, t_s);
     if (const auto sent = publisher->publish(pair->image, *pair->right_image); !sent) return sent;
     if (const auto sent = publisher->publish_depth(now, pair->depth_m); !sent) return sent;
     if (reached(options.silence_lidar_after_s, t_s)) continue;
     if (motion.ended_before(Clock::now() + late, end_signals)) break;
-    motion.tell(now + late, t_s + vehicle.cloud_late_s);
+    motion.publish(now + late, t_s + vehicle.cloud_late_s);
     if (const auto sent = publisher->publish(pair->scan); !sent) return sent;
   }
   truth.end(t_s, i, knock.at(t_s));

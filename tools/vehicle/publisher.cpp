@@ -162,8 +162,7 @@ Result<void> Publisher::publish(const Image& left, const Image& right) {
 
 Result<void> Publisher::publish_depth(Timestamp stamp, const std::vector<float>& depth_m) {
   if (depth_ == 0) return {};
-  if (depth_m.empty())
-    return fail(ErrorCode::no_depth, "a recorded drive knows no true depth; leave out --depth-topic");
+  if (depth_m.empty()) return fail(ErrorCode::no_depth, "a recorded drive has no true depth; leave out --depth-topic");
   const Camera& camera = vehicle_.camera;
   std::vector<float> values(depth_m);
   std::vector<std::uint16_t> millimetres;

@@ -17,7 +17,7 @@ struct Topics {
 
 /// The message that carries depth: Image of metres or millimetres, or DisparityImage.
 enum class DepthAs { metres, millimetres, disparity };
-/// The message that tells how the vehicle turns.
+/// The message with the turn rate of the vehicle.
 enum class MotionAs { imu, odometry };
 
 struct PublisherOptions {

@@ -19,7 +19,7 @@ constexpr float behind_m = 40, ahead_m = 320, land_m = 260, half_turn = 3.141592
 
 Surface surface_of(Material material, Random& random) { return {material, static_cast<std::uint32_t>(random.bits())}; }
 
-/// Fewer leaves on what is far away: nobody can tell.
+/// Fewer leaves on what is far away, where the difference does not show.
 int cards_at(float x, int near) {
   return std::clamp(static_cast<int>(static_cast<float>(near) * 12 / std::max(x, 12.f)), 12, near);
 }
@@ -307,7 +307,7 @@ Surface Roadside::any_surface() {
   return surface_of(materials[random_.below(8)], random_);
 }
 
-/// Things of every shape and size in every place, some in the air: a name says nothing of how far away a thing is.
+/// Things of every shape and size in every place, some in the air: the kind of a thing is independent of its distance.
 void Roadside::add_loose_things() {
   for (int i = random_.chance(0.5f) ? 0 : random_.below(9); i > 0; --i) {
     const float x = random_.uniform(3, 45), d = random_.uniform(-0.3f, 0.3f) * x + random_.uniform(-6, 6);
