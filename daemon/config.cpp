@@ -107,7 +107,7 @@ DriftConfig read_drift(const ConfigNode& node) {
     drift.false_alerts_per_1000_vehicle_weeks = rate->number(0.001, 100'000);
   if (const auto hours = node.find("driving_hours_per_week")) drift.driving_hours_per_week = hours->number(1, 168);
   if (const auto shift = node.find("must_notice_deg"))
-    drift.must_notice_rad = shift->number(0.1, 5) * radians_per_degree;
+    drift.must_detect_rad = shift->number(0.1, 5) * radians_per_degree;
   if (const auto pairs = node.find("baseline_pairs")) drift.baseline_pairs = pairs->integer(5, 1000);
   return drift;
 }

@@ -57,7 +57,7 @@ struct DriftConfig {
   /// What chance alone may raise, over all pairs of a vehicle that drives so many hours a week.
   double false_alerts_per_1000_vehicle_weeks = 1, driving_hours_per_week = 56;
   /// A pair whose evidence cannot be trusted to show so much is not judged.
-  double must_notice_rad = 0.5 * radians_per_degree;
+  double must_detect_rad = 0.5 * radians_per_degree;
 };
 
 /// `apply` puts an accepted extrinsic in force; `propose` waits for `calibctl accept`.

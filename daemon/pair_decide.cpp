@@ -60,7 +60,7 @@ PairDecision PairPipeline::decide(const PairState& state, Measurement measuremen
     after.probation->add(measurement.stencil.current -
                          score(measurement.features, now.history.in_force()->T_camera_lidar_before, objective).value);
   AxisEvidence evidence = axis_evidence(measurement.stencil, measurement.features.stamp);
-  evidence.response = measurement.response;
+  evidence.sensitivity = measurement.sensitivity;
   DriftMonitor monitor(settings_.drift, std::move(after.drift));
   if (const auto observed = monitor.observe(evidence); !observed) return decide(state, Skip{observed.error()}, now);
   after.drift = monitor.state();
@@ -216,8 +216,8 @@ PairStatus PairPipeline::status(const PairState& state, const std::optional<Erro
   if (const auto estimate = monitor.misalignment())
     status.misalignment = PairStatus::Misalignment{estimate->delta, estimate->sigma()};
   if (monitor.learned()) {
-    status.noticeable.emplace();
-    for (int axis = 0; axis < 6; ++axis) (*status.noticeable)[axis] = monitor.noticeable_shift(axis);
+    status.detection_limit.emplace();
+    for (int axis = 0; axis < 6; ++axis) (*status.detection_limit)[axis] = monitor.detection_limit(axis);
   }
   status.T_camera_lidar = state.T_camera_lidar;
   return status;

@@ -28,14 +28,14 @@ PairSettings pair_settings(const Config& config, const PairConfig& pair, std::st
   settings.drift.baseline_pairs = pair.drift.baseline_pairs;
   settings.drift.max_baseline_pairs = std::max(settings.drift.max_baseline_pairs, pair.drift.baseline_pairs);
   settings.drift.false_alarms_per_pair = false_alarms_per_pair(config, pair.drift);
-  settings.drift.must_notice_rotation_rad = pair.drift.must_notice_rad;
+  settings.drift.must_detect_rotation_rad = pair.drift.must_detect_rad;
   return settings;
 }
 
 Verdict shown(DriftVerdict verdict) {
   switch (verdict) {
     case DriftVerdict::learning:
-    case DriftVerdict::blind:
+    case DriftVerdict::insufficient_power:
       return Verdict::not_evaluated;
     case DriftVerdict::calibrated:
       return Verdict::calibrated;
@@ -70,8 +70,8 @@ Result<Measurement> PairPipeline::measure(const FramePair& pair, const PairState
 
   Measurement measurement{.features = std::move(*features), .stencil = stencil, .scene = thumbnail(pair.image)};
   // How the stencil answers to a LiDAR that moves: a part of the baseline.
-  if (DriftMonitor(settings_.drift, state.drift).wants_response())
-    measurement.response = evaluate_response(measurement.features, state.T_camera_lidar, {}, objective);
+  if (DriftMonitor(settings_.drift, state.drift).wants_sensitivity())
+    measurement.sensitivity = evaluate_sensitivity(measurement.features, state.T_camera_lidar, {}, objective);
   return measurement;
 }
 

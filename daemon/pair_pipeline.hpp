@@ -44,7 +44,7 @@ struct PairSettings {
 struct Measurement {
   FeatureSet features;
   Stencil stencil;
-  std::optional<Matrix6> response = {};  // while the baseline is learned
+  std::optional<Matrix6> sensitivity = {};  // while the baseline is learned
   SceneThumbnail scene = {};
   std::chrono::nanoseconds received{};  // since boot: when the last of its samples had arrived
 };

@@ -23,13 +23,13 @@ std::optional<Expectation> expectation(const DriftMonitor& monitor) {
 }
 
 /// Of the extrinsic in force; nothing while its baseline is learned.
-std::optional<NormalScore> normal_score(const DriftMonitor& monitor, bool monocular_depth) {
+std::optional<BaselineScore> normal_score(const DriftMonitor& monitor, bool monocular_depth) {
   if (!monitor.learned()) return std::nullopt;
   const DriftBaseline& baseline = monitor.state().baseline;
-  return NormalScore{.objective = drift_objective(monocular_depth),
-                     .mean = baseline.score,
-                     .deviation = std::sqrt(baseline.score_squares / (baseline.pairs - 1)),
-                     .pairs = baseline.pairs};
+  return BaselineScore{.objective = drift_objective(monocular_depth),
+                       .mean = baseline.score,
+                       .deviation = std::sqrt(baseline.score_squares / (baseline.pairs - 1)),
+                       .pairs = baseline.pairs};
 }
 
 }  // namespace

@@ -42,16 +42,16 @@ json evidence_json(const AxisEvidence& evidence) {
   return {{"stamp_ns", evidence.stamp.count()},
           {"slope", numbers(evidence.slope)},
           {"score", evidence.score},
-          {"peak", evidence.peak},
-          {"response", optional(evidence.response, [](const Matrix6& m) { return numbers(m.reshaped()); })}};
+          {"peak", evidence.prominence},
+          {"response", optional(evidence.sensitivity, [](const Matrix6& m) { return numbers(m.reshaped()); })}};
 }
 
 AxisEvidence evidence_from(const json& in) {
   AxisEvidence evidence{.stamp = Timestamp(integer_from<std::int64_t>(in.at("stamp_ns"))),
                         .slope = vector6(in.at("slope")),
                         .score = in.at("score").get<double>(),
-                        .peak = in.at("peak").get<double>()};
-  if (!in.at("response").is_null()) evidence.response = matrix6(in.at("response"));
+                        .prominence = in.at("peak").get<double>()};
+  if (!in.at("response").is_null()) evidence.sensitivity = matrix6(in.at("response"));
   return evidence;
 }
 
@@ -74,13 +74,13 @@ json baseline_json(const DriftBaseline& baseline) {
           {"slope", numbers(baseline.slope)},
           {"slope_products", numbers(baseline.slope_products.reshaped())},
           {"latest_slope", numbers(baseline.latest_slope)},
-          {"lagged_products", numbers(baseline.lagged_products)},
-          {"response", numbers(baseline.response.reshaped())},
-          {"response_squares", numbers(baseline.response_squares)},
-          {"peak", baseline.peak},
-          {"peak_squares", baseline.peak_squares},
-          {"latest_peak", baseline.latest_peak},
-          {"lagged_peaks", baseline.lagged_peaks},
+          {"lagged_products", numbers(baseline.lag1_products)},
+          {"response", numbers(baseline.sensitivity.reshaped())},
+          {"response_squares", numbers(baseline.sensitivity_squares)},
+          {"peak", baseline.prominence},
+          {"peak_squares", baseline.prominence_squares},
+          {"latest_peak", baseline.latest_prominence},
+          {"lagged_peaks", baseline.lag1_prominences},
           {"score", baseline.score},
           {"score_squares", baseline.score_squares}};
 }
@@ -90,13 +90,13 @@ DriftBaseline baseline_from(const json& in) {
                                .slope = vector6(in.at("slope")),
                                .slope_products = matrix6(in.at("slope_products")),
                                .latest_slope = vector6(in.at("latest_slope")),
-                               .lagged_products = vector6(in.at("lagged_products")),
-                               .response = matrix6(in.at("response")),
-                               .response_squares = vector6(in.at("response_squares")),
-                               .peak = in.at("peak").get<double>(),
-                               .peak_squares = in.at("peak_squares").get<double>(),
-                               .latest_peak = in.at("latest_peak").get<double>(),
-                               .lagged_peaks = in.at("lagged_peaks").get<double>(),
+                               .lag1_products = vector6(in.at("lagged_products")),
+                               .sensitivity = matrix6(in.at("response")),
+                               .sensitivity_squares = vector6(in.at("response_squares")),
+                               .prominence = in.at("peak").get<double>(),
+                               .prominence_squares = in.at("peak_squares").get<double>(),
+                               .latest_prominence = in.at("latest_peak").get<double>(),
+                               .lag1_prominences = in.at("lagged_peaks").get<double>(),
                                .score = in.at("score").get<double>(),
                                .score_squares = in.at("score_squares").get<double>()};
   if (baseline.pairs < 0) throw std::invalid_argument("baseline pairs");

@@ -29,7 +29,7 @@ constexpr PerChart<double> own_references{.rapid = 1.5, .sensitive = 0.6};
 constexpr int charts = 26;
 /// Pairs within which a shift of the size of the detection limit is detected.
 constexpr double detection_pairs = 50;
-/// Hysteresis: the share of `must_notice_rotation_rad` and of these pairs below which `blind` ends.
+/// Hysteresis: the share of `must_detect_rotation_rad` and of these pairs below which `insufficient_power` ends.
 constexpr double clear_share = 0.8;
 /// The reference values are raised by this many standard errors of the baseline's mean, each 1 / sqrt(pairs)
 /// deviations.
@@ -42,14 +42,14 @@ double median(double a, double b, double c) { return std::max(std::min(a, b), st
 double start_misalignment(const DriftBaseline& seen, int axis, double max_bias) {
   const double slope_error = std::sqrt(seen.slope_products(axis, axis) / (seen.pairs - 1) / seen.pairs);
   if (slope_error <= 0 || !std::isfinite(max_bias)) return 0;
-  const double allowed = std::max(0.0, seen.response(axis, axis)) * max_bias;
+  const double allowed = std::max(0.0, seen.sensitivity(axis, axis)) * max_bias;
   return (std::abs(seen.slope[axis]) - allowed) / slope_error;
 }
 
 }  // namespace
 
-DriftSettings usual_drift_settings(bool depth_is_guessed) {
-  if (!depth_is_guessed) return {};
+DriftSettings usual_drift_settings(bool monocular_depth) {
+  if (!monocular_depth) return {};
   return {.max_bias_rotation_rad = radians_per_degree,
           .max_bias_translation_m = std::numeric_limits<double>::infinity()};
 }
@@ -65,7 +65,7 @@ void DriftMonitor::restart() { state_ = {}; }
 double DriftMonitor::negligible(int axis) const {
   const DriftBaseline& baseline = state_.baseline;
   return (axis < 3 ? settings_.negligible_rotation_rad : settings_.negligible_translation_m) *
-         baseline.response(axis, axis) / baseline.spread(axis);
+         baseline.sensitivity(axis, axis) / baseline.spread(axis);
 }
 
 PerChart<double> DriftMonitor::references() const {
@@ -76,7 +76,7 @@ PerChart<double> DriftMonitor::references() const {
 /// Half-way between the prominence of the baseline and none, so that scenes of less prominence are not taken for a
 /// displacement.
 PerChart<double> DriftMonitor::loss_references() const {
-  const double half_lost = state_.baseline.peak / state_.baseline.peak_spread() / 2;
+  const double half_lost = state_.baseline.prominence / state_.baseline.prominence_spread() / 2;
   const auto [rapid, sensitive] = references();
   return {std::max(rapid, half_lost), std::max(sensitive, half_lost)};
 }
@@ -97,8 +97,9 @@ void DriftMonitor::accumulate() {
     update(positive, std::min(away - negligible(axis), max_deviation), references());
     update(negative, std::min(-away - negligible(axis), max_deviation), references());
   }
-  if (baseline.peak_spread() <= 0) return;
-  const double lost = (baseline.peak - median(latest[0].peak, latest[1].peak, latest[2].peak)) / baseline.peak_spread();
+  if (baseline.prominence_spread() <= 0) return;
+  const double lost = (baseline.prominence - median(latest[0].prominence, latest[1].prominence, latest[2].prominence)) /
+                      baseline.prominence_spread();
   update(state_.loss_charts, lost, loss_references());
 }
 
@@ -128,13 +129,14 @@ bool DriftMonitor::is_outlier_free(const AxisEvidence& evidence) const {
     if (spread > 0 && std::abs(evidence.slope[axis] - state_.baseline.slope[axis]) > max_deviation * spread)
       return false;
   }
-  return std::abs(evidence.peak - state_.baseline.peak) <= max_deviation * state_.baseline.peak_spread();
+  return std::abs(evidence.prominence - state_.baseline.prominence) <=
+         max_deviation * state_.baseline.prominence_spread();
 }
 
 bool DriftMonitor::detects_lost_maximum(double pairs) const {
   const DriftBaseline& baseline = state_.baseline;
-  if (baseline.peak_spread() <= 0) return false;
-  const double lost = baseline.peak / baseline.peak_spread();
+  if (baseline.prominence_spread() <= 0) return false;
+  const double lost = baseline.prominence / baseline.prominence_spread();
   const auto [rapid, sensitive] = loss_references();
   return (lost - rapid) * pairs > limits_.rapid || (lost - sensitive) * pairs > limits_.sensitive;
 }
@@ -148,9 +150,9 @@ DriftVerdict DriftMonitor::decide() const {
   if (now >= suspect_share) return DriftVerdict::suspect;
   // Hysteresis here too: it takes a clear margin to call the detection power sufficient again.
   const double share = before == DriftVerdict::calibrated ? 1 : clear_share;
-  if (!detects_lost_maximum(share * detection_pairs)) return DriftVerdict::blind;
+  if (!detects_lost_maximum(share * detection_pairs)) return DriftVerdict::insufficient_power;
   for (int axis = 0; axis < 3; ++axis)
-    if (noticeable_shift(axis) > share * settings_.must_notice_rotation_rad) return DriftVerdict::blind;
+    if (detection_limit(axis) > share * settings_.must_detect_rotation_rad) return DriftVerdict::insufficient_power;
   return DriftVerdict::calibrated;
 }
 
@@ -171,7 +173,7 @@ DriftVerdict DriftMonitor::decide_from_start() const {
 }
 
 Result<DriftVerdict> DriftMonitor::observe(const AxisEvidence& evidence) {
-  if (!learned() && !evidence.response)
+  if (!learned() && !evidence.sensitivity)
     return fail(ErrorCode::sensitivity_missing, "a pair of the baseline needs the response of its slopes to shifts");
   state_.recent.push_back(evidence);
   if (learned()) {
@@ -179,14 +181,14 @@ Result<DriftVerdict> DriftMonitor::observe(const AxisEvidence& evidence) {
     state_.verdict = decide();
     if (state_.recent.size() > recent_pairs) {
       const AxisEvidence& oldest = state_.recent.front();
-      if (wants_response() && oldest.response && this->evidence() < evidence_share && is_outlier_free(oldest))
+      if (wants_sensitivity() && oldest.sensitivity && this->evidence() < evidence_share && is_outlier_free(oldest))
         state_.baseline.add(oldest);
       state_.recent.pop_front();
     }
     return verdict();
   }
   state_.baseline.add(evidence);
-  state_.recent.back().response.reset();
+  state_.recent.back().sensitivity.reset();
   if (state_.recent.size() > recent_pairs) state_.recent.pop_front();
   state_.verdict = decide_from_start();
   if (!learned()) return verdict();
@@ -201,7 +203,7 @@ std::string DriftMonitor::reason() const {
   switch (verdict()) {
     case DriftVerdict::learning:
       return fmt::format("learning the baseline: {} of {} pairs", state_.baseline.pairs, settings_.baseline_pairs);
-    case DriftVerdict::blind:
+    case DriftVerdict::insufficient_power:
       return "insufficient detection power: " + least_detectable() + " could go unnoticed";
     case DriftVerdict::calibrated:
       return "the extrinsic is where it was when it was accepted";
@@ -219,8 +221,8 @@ std::string DriftMonitor::least_detectable() const {
     return "the extrinsic hardly scores better than its neighbours; even a large displacement";
   int least = 0;
   for (int axis = 1; axis < 3; ++axis)
-    if (noticeable_shift(axis) > noticeable_shift(least)) least = axis;
-  const double shift = noticeable_shift(least);
+    if (detection_limit(axis) > detection_limit(least)) least = axis;
+  const double shift = detection_limit(least);
   return std::isfinite(shift) ? fmt::format("{:.2f} degrees of {}", shift / radians_per_degree, axis_names[least])
                               : fmt::format("any {}", axis_names[least]);
 }
@@ -239,13 +241,13 @@ std::string DriftMonitor::moved_axes() const {
   return words;
 }
 
-double DriftMonitor::noticeable_shift(int axis) const {
+double DriftMonitor::detection_limit(int axis) const {
   const DriftBaseline& baseline = state_.baseline;
   if (!learned() || !baseline.observable(axis)) return std::numeric_limits<double>::infinity();
   const auto [rapid, sensitive] = references();
   const double least = std::min(negligible(axis) + rapid + limits_.rapid / detection_pairs,
                                 negligible(axis) + sensitive + limits_.sensitive / detection_pairs);
-  return least * baseline.spread(axis) / baseline.response(axis, axis);
+  return least * baseline.spread(axis) / baseline.sensitivity(axis, axis);
 }
 
 std::optional<Timestamp> DriftMonitor::onset() const {

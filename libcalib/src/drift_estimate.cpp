@@ -30,28 +30,28 @@ double median(std::vector<double> values) {
 using Axes = std::array<bool, 6>;
 constexpr Axes all_axes{true, true, true, true, true, true};
 
-/// Slopes that are `away` from the baseline, to be explained by shifts with a standard normal prior; `response` is the
-/// change of the slopes with the shifts.
+/// Slopes that are `away` from the baseline, to be explained by shifts with a standard normal prior; `sensitivity` is
+/// the change of the slopes with the shifts.
 struct Explanation {
   Vector6 away = Vector6::Zero();
-  Matrix6 response = Matrix6::Zero(), information = Matrix6::Zero();
+  Matrix6 sensitivity = Matrix6::Zero(), information = Matrix6::Zero();
 
   /// Inverse covariance of the shifts when only these axes may move; the others keep that of the prior.
   [[nodiscard]] Matrix6 precision(const Axes& moved) const {
-    Matrix6 of_moved = response;
+    Matrix6 of_moved = sensitivity;
     for (int axis = 0; axis < 6; ++axis)
       if (!moved[static_cast<std::size_t>(axis)]) of_moved.col(axis).setZero();
     return of_moved.transpose() * information * of_moved + Matrix6::Identity();
   }
   [[nodiscard]] Vector6 shift(const Axes& moved) const {
-    Vector6 pull = response.transpose() * information * away;
+    Vector6 pull = sensitivity.transpose() * information * away;
     for (int axis = 0; axis < 6; ++axis)
       if (!moved[static_cast<std::size_t>(axis)]) pull[axis] = 0;
     return precision(moved).ldlt().solve(pull);
   }
   /// The residual, in squared standard deviations.
   [[nodiscard]] double misfit(const Axes& moved) const {
-    const Vector6 x = shift(moved), left = away - response * x;
+    const Vector6 x = shift(moved), left = away - sensitivity * x;
     return left.dot(information * left) + x.squaredNorm();
   }
 
@@ -60,8 +60,8 @@ struct Explanation {
   [[nodiscard]] Vector6 each_alone() const {
     Vector6 shifts = Vector6::Zero();
     for (int axis = 0; axis < 6; ++axis)
-      if (response(axis, axis) > 0 && std::abs(away[axis]) > significant_sigmas)
-        shifts[axis] = away[axis] / response(axis, axis);
+      if (sensitivity(axis, axis) > 0 && std::abs(away[axis]) > significant_sigmas)
+        shifts[axis] = away[axis] / sensitivity(axis, axis);
     return shifts;
   }
 
@@ -113,9 +113,9 @@ std::optional<DriftMonitor::Estimate> DriftMonitor::misalignment() const {
     prior[axis] = StencilStep{}.of_axis(axis);
     if (baseline.spread(axis) > 0) weight[axis] = 1 / baseline.spread(axis);
     problem.away[axis] = (median(seen[static_cast<std::size_t>(axis)]) - baseline.slope[axis]) * weight[axis];
-    if (baseline.observable(axis)) problem.response.col(axis) = baseline.response.col(axis) * prior[axis];
+    if (baseline.observable(axis)) problem.sensitivity.col(axis) = baseline.sensitivity.col(axis) * prior[axis];
   }
-  problem.response = weight.asDiagonal() * problem.response;
+  problem.sensitivity = weight.asDiagonal() * problem.sensitivity;
   const Matrix6 spread = weight.asDiagonal() * baseline.slope_products * weight.asDiagonal() / (baseline.pairs - 1);
   const Vector6 curved = nonlinear_share * problem.away;
   const Matrix6 noise = spread * (median_variance / pairs + 1.0 / baseline.pairs) +

@@ -17,9 +17,9 @@ constexpr StencilStep sensitivity_shift{.rotation_rad = 0.4 * radians_per_degree
 double deviation(double sum_of_squares, int count) { return count < 2 ? 0 : std::sqrt(sum_of_squares / (count - 1)); }
 
 /// Standard deviation of one of `count` values as it contributes to long sums.
-double long_deviation(double sum_of_squares, double lagged_products, int count) {
+double long_deviation(double sum_of_squares, double lag1_products, int count) {
   if (count < 2 || sum_of_squares <= 0) return 0;
-  const double correlation = std::clamp(lagged_products / sum_of_squares, 0.0, max_correlation);
+  const double correlation = std::clamp(lag1_products / sum_of_squares, 0.0, max_correlation);
   // Its own relative standard error is 1 / sqrt(2 n). Two of these are added: too small a deviation raises false
   // alarms.
   return deviation(sum_of_squares, count) * (1 + 2 / std::sqrt(2.0 * count)) *
@@ -45,25 +45,25 @@ Stencil evaluate_stencil(const FeatureSet& frame, const RigidTransform& T_camera
 AxisEvidence axis_evidence(const Stencil& stencil, Timestamp stamp, const StencilStep& step) {
   AxisEvidence evidence{.stamp = stamp,
                         .score = stencil.current,
-                        .peak = stencil.current - (stencil.minus.sum() + stencil.plus.sum()) / 12};
+                        .prominence = stencil.current - (stencil.minus.sum() + stencil.plus.sum()) / 12};
   for (int axis = 0; axis < 6; ++axis)
     evidence.slope[axis] = (stencil.plus[axis] - stencil.minus[axis]) / (2 * step.of_axis(axis));
   return evidence;
 }
 
-Matrix6 evaluate_response(const FeatureSet& frame, const RigidTransform& T_camera_lidar, const StencilStep& step,
-                          const Objective& objective) {
+Matrix6 evaluate_sensitivity(const FeatureSet& frame, const RigidTransform& T_camera_lidar, const StencilStep& step,
+                             const Objective& objective) {
   const auto slope = [&](const Vector6& moved) {
     return axis_evidence(evaluate_stencil(frame, T_camera_lidar * perturbation(moved), step, objective), {}, step)
         .slope;
   };
-  Matrix6 response;
+  Matrix6 sensitivity;
   for (int axis = 0; axis < 6; ++axis) {
     // For the LiDAR's own data, a LiDAR that has moved forward is an extrinsic that lies behind it.
     const Vector6 shift = Vector6::Unit(axis) * sensitivity_shift.of_axis(axis);
-    response.col(axis) = (slope(-shift) - slope(shift)) / (2 * sensitivity_shift.of_axis(axis));
+    sensitivity.col(axis) = (slope(-shift) - slope(shift)) / (2 * sensitivity_shift.of_axis(axis));
   }
-  return response;
+  return sensitivity;
 }
 
 void DriftBaseline::add(const AxisEvidence& evidence) {
@@ -72,30 +72,30 @@ void DriftBaseline::add(const AxisEvidence& evidence) {
   slope += before / pairs;
   const Vector6 away = evidence.slope - slope;
   slope_products += before * away.transpose();
-  if (pairs > 1) lagged_products += away.cwiseProduct(latest_slope - slope);
+  if (pairs > 1) lag1_products += away.cwiseProduct(latest_slope - slope);
   latest_slope = evidence.slope;
-  const Matrix6 sensitivity_before = *evidence.response - response;
-  response += sensitivity_before / pairs;
-  response_squares += sensitivity_before.diagonal().cwiseProduct((*evidence.response - response).diagonal());
-  const double prominence_before = evidence.peak - peak;
-  peak += prominence_before / pairs;
-  peak_squares += prominence_before * (evidence.peak - peak);
-  if (pairs > 1) lagged_peaks += (evidence.peak - peak) * (latest_peak - peak);
-  latest_peak = evidence.peak;
+  const Matrix6 sensitivity_before = *evidence.sensitivity - sensitivity;
+  sensitivity += sensitivity_before / pairs;
+  sensitivity_squares += sensitivity_before.diagonal().cwiseProduct((*evidence.sensitivity - sensitivity).diagonal());
+  const double prominence_before = evidence.prominence - prominence;
+  prominence += prominence_before / pairs;
+  prominence_squares += prominence_before * (evidence.prominence - prominence);
+  if (pairs > 1) lag1_prominences += (evidence.prominence - prominence) * (latest_prominence - prominence);
+  latest_prominence = evidence.prominence;
   const double score_before = evidence.score - score;
   score += score_before / pairs;
   score_squares += score_before * (evidence.score - score);
 }
 
 double DriftBaseline::spread(int axis) const {
-  return long_deviation(slope_products(axis, axis), lagged_products[axis], pairs);
+  return long_deviation(slope_products(axis, axis), lag1_products[axis], pairs);
 }
 
-double DriftBaseline::peak_spread() const { return long_deviation(peak_squares, lagged_peaks, pairs); }
+double DriftBaseline::prominence_spread() const { return long_deviation(prominence_squares, lag1_prominences, pairs); }
 
 bool DriftBaseline::observable(int axis) const {
-  const double error = deviation(response_squares[axis], pairs) / std::sqrt(std::max(1, pairs));
-  return pairs > 1 && spread(axis) > 0 && response(axis, axis) > observable_sigmas * error;
+  const double error = deviation(sensitivity_squares[axis], pairs) / std::sqrt(std::max(1, pairs));
+  return pairs > 1 && spread(axis) > 0 && sensitivity(axis, axis) > observable_sigmas * error;
 }
 
 }  // namespace calib

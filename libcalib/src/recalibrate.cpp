@@ -25,7 +25,7 @@ std::string names_of(const std::array<bool, 6>& axes) {
 /// A search's result, and which axes it was free to move.
 struct Found {
   SearchResult result;
-  std::array<bool, 6> released{};
+  std::array<bool, 6> free_axes{};
   Uncertainty uncertainty;
   /// Axes that were wanted and are not observable.
   std::array<bool, 6> left{};
@@ -36,24 +36,24 @@ struct Found {
 Result<Found> search_observable(Frames fit, const RigidTransform& T, SearchResult first,
                                 const std::array<bool, 6>& wanted, const RecalibrationSettings& how, int& evaluations) {
   const SearchBounds& bounds = how.bounds;
-  Found found{.result = std::move(first), .released = wanted, .uncertainty = {}, .left = {}};
+  Found found{.result = std::move(first), .free_axes = wanted, .uncertainty = {}, .left = {}};
   while (true) {
-    const SearchSettings settings{.bounds = bounds, .released = found.released, .keep_going = how.keep_going};
+    const SearchSettings settings{.bounds = bounds, .free_axes = found.free_axes, .keep_going = how.keep_going};
     found.uncertainty = uncertainty(fit, found.result.T_camera_lidar, found.result.objective, settings);
-    std::array<bool, 6> kept = found.released;
+    std::array<bool, 6> kept = found.free_axes;
     for (int axis = 0; axis < 6; ++axis) {
       const bool at_bound = axis < 3 && std::abs(found.result.delta[axis]) > 0.98 * bounds.rotation_rad;
       kept[axis] = kept[axis] && (at_bound || found.uncertainty.observable[axis]);
       found.left[axis] = wanted[axis] && !kept[axis];
     }
-    if (kept == found.released) return found;
-    found.released = kept;
+    if (kept == found.free_axes) return found;
+    found.free_axes = kept;
     if (!any(kept)) {
       found.result.T_camera_lidar = T;
       found.result.delta.setZero();
       return found;
     }
-    auto again = search(fit, T, Method::standard, {.bounds = bounds, .released = kept, .keep_going = how.keep_going});
+    auto again = search(fit, T, Method::standard, {.bounds = bounds, .free_axes = kept, .keep_going = how.keep_going});
     if (!again) return propagate(again);
     evaluations += again->evaluations;
     found.result = *std::move(again);
@@ -92,7 +92,7 @@ Result<Recalibration> recalibrate(Frames fit, Frames held_back, const RigidTrans
                                               std::to_string(held_back.size()) +
                                               " held back; at least 3 and 2 are needed");
   const SearchSettings rotation{
-      .bounds = settings.bounds, .released = rotation_axes, .keep_going = settings.keep_going};
+      .bounds = settings.bounds, .free_axes = rotation_axes, .keep_going = settings.keep_going};
   const SearchSettings everything{.bounds = settings.bounds, .keep_going = settings.keep_going};
   const auto rotated = search(fit, T_camera_lidar, Method::standard, rotation);
   if (!rotated) return propagate(rotated);
@@ -106,9 +106,9 @@ Result<Recalibration> recalibrate(Frames fit, Frames held_back, const RigidTrans
       gain(held_back, rotated->T_camera_lidar, moved->T_camera_lidar, objective).exceeds(settings.min_gain_sigmas);
   const auto found =
       search_observable(fit, T_camera_lidar, translated ? *moved : *rotated,
-                        translated ? everything.released : rotation.released, settings, result.evaluations);
+                        translated ? everything.free_axes : rotation.free_axes, settings, result.evaluations);
   if (!found) return propagate(found);
-  result.moved = found->released;
+  result.moved = found->free_axes;
   result.T_camera_lidar = found->result.T_camera_lidar;
   result.delta = found->result.delta;
   result.sigma = found->uncertainty.sigma();
@@ -122,7 +122,7 @@ Result<Recalibration> recalibrate(Frames fit, Frames held_back, const RigidTrans
                             .T_after = result.T_camera_lidar,
                             .delta = result.delta,
                             .covariance = found->uncertainty.bootstrap_covariance,
-                            .released = found->released,
+                            .free_axes = found->free_axes,
                             .left = found->left,
                             .at_limit = found->result.ends_at_limit ? found->result.reason : ""};
   const Gain gained = gain(held_back, T_camera_lidar, result.T_camera_lidar, objective);

@@ -98,7 +98,7 @@ Gain gain(Frames frames, const RigidTransform& before, const RigidTransform& aft
 }
 
 Objection insufficient_observability(const Candidate& candidate) {
-  const auto moved = axes_where(candidate.released);
+  const auto moved = axes_where(candidate.free_axes);
   const auto rotations = std::ranges::count_if(moved, [](int axis) { return axis < 3; });
   if (rotations >= 2 && moved.size() > axes_where(candidate.left).size()) return {};
   return fmt::format("insufficient observability: only {} axes are observable", moved.size());
@@ -126,13 +126,13 @@ Objection not_better(const Gain& held_back, const RecalibrationSettings& setting
 }
 
 Objection contradicts_expectation(const Candidate& candidate, const Expectation& expected) {
-  const Expectation given = given_that_others_rest(expected, candidate.released);
+  const Expectation given = given_that_others_rest(expected, candidate.free_axes);
   // Slopes are proportional to the shift only near the maximum. Far from it they show little more than its direction.
   constexpr double share = 0.3;
   Matrix6 covariance = given.covariance + candidate.covariance + squares_of(0.2 * radians_per_degree, 0.08);
   covariance += (share * given.delta).cwiseAbs2().asDiagonal();
   const bool near = ((candidate.delta.cwiseAbs() - expected.reach / 2).array() < 0).all();
-  std::array<bool, 6> compared = candidate.released;
+  std::array<bool, 6> compared = candidate.free_axes;
   for (int axis = 0; axis < 6; ++axis)
     if (!near || std::abs(given.delta[axis]) >= given.reach[axis])
       compared[axis] = compared[axis] && candidate.delta[axis] * given.delta[axis] < 0 &&
@@ -151,7 +151,7 @@ Objection contradicts_intensity(const Candidate& candidate) {
   return "intensity contradicts: the score of brightness against reflectance changes by " + in_words(gained);
 }
 
-Objection score_not_restored(const Candidate& candidate, const NormalScore& baseline) {
+Objection score_not_restored(const Candidate& candidate, const BaselineScore& baseline) {
   const auto frames = candidate.all_frames();
   const double now = mean_score(frames, candidate.T_after, baseline.objective).value;
   const double standard_error =
@@ -165,15 +165,15 @@ Result<Objection> not_repeatable(const Candidate& candidate, const std::function
                                  int& evaluations) {
   // Near enough that no grid search is needed, and far enough for the basin of another local maximum.
   const SearchSettings near{
-      .bounds = {2.4 * radians_per_degree, 0.5}, .released = candidate.released, .keep_going = keep_going};
-  const std::vector<int> axes = axes_where(candidate.released);
+      .bounds = {2.4 * radians_per_degree, 0.5}, .free_axes = candidate.free_axes, .keep_going = keep_going};
+  const std::vector<int> axes = axes_where(candidate.free_axes);
   // Each of two starts uses one half of the frames, so that both together take no longer than one search. The optimum
   // of a half differs from that of all frames by about as much as the latter from the truth.
   const Matrix6 explained = candidate.covariance + squares_of(0.15 * radians_per_degree, 0.1);
   for (const std::size_t half : {0, 1}) {
     Vector6 off;
     off << 0.7 * radians_per_degree, -0.7 * radians_per_degree, 0.7 * radians_per_degree, 0.1, 0.05, -0.05;
-    for (int axis = 0; axis < 6; ++axis) off[axis] *= !candidate.released[axis] ? 0 : half == 0 ? 1 : -1;
+    for (int axis = 0; axis < 6; ++axis) off[axis] *= !candidate.free_axes[axis] ? 0 : half == 0 ? 1 : -1;
     std::vector<const FeatureSet*> frames;
     for (std::size_t i = half; i < candidate.fit.size(); i += 2) frames.push_back(candidate.fit[i]);
     const auto again = search(frames, candidate.T_after * perturbation(off), Method::standard, near);

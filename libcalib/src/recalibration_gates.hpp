@@ -16,7 +16,7 @@ struct Candidate {
   Vector6 delta = Vector6::Zero();
   Matrix6 covariance = Matrix6::Zero();
   /// Axes that the search was free to move, and those that it left because they are not observable.
-  std::array<bool, 6> released{}, left{};
+  std::array<bool, 6> free_axes{}, left{};
   /// Why its search ended, in words, when that was at a bound; else empty.
   std::string at_limit;
 
@@ -44,7 +44,7 @@ using Objection = std::optional<std::string>;
 [[nodiscard]] Objection not_better(const Gain& held_back, const RecalibrationSettings& settings);
 [[nodiscard]] Objection contradicts_expectation(const Candidate& candidate, const Expectation& expected);
 [[nodiscard]] Objection contradicts_intensity(const Candidate& candidate);
-[[nodiscard]] Objection score_not_restored(const Candidate& candidate, const NormalScore& baseline);
+[[nodiscard]] Objection score_not_restored(const Candidate& candidate, const BaselineScore& baseline);
 /// The only expensive gate. Fails as `search` does; adds to `evaluations`.
 [[nodiscard]] Result<Objection> not_repeatable(const Candidate& candidate, const std::function<bool()>& keep_going,
                                                int& evaluations);

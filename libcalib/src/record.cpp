@@ -39,11 +39,11 @@ json baseline_json(const CalibrationRecord::Baseline& baseline) {
           {"slope", json_fields::array_of<6>(baseline.slope)},
           {"slope_covariance", matrix_json(baseline.slope_covariance)},
           {"slope_correlation", json_fields::array_of<6>(baseline.slope_correlation)},
-          {"response", matrix_json(baseline.response)},
-          {"response_deviation", json_fields::array_of<6>(baseline.response_deviation)},
-          {"peak", baseline.peak},
-          {"peak_deviation", baseline.peak_deviation},
-          {"peak_correlation", baseline.peak_correlation},
+          {"response", matrix_json(baseline.sensitivity)},
+          {"response_deviation", json_fields::array_of<6>(baseline.sensitivity_deviation)},
+          {"peak", baseline.prominence},
+          {"peak_deviation", baseline.prominence_deviation},
+          {"peak_correlation", baseline.prominence_correlation},
           {"score", baseline.score},
           {"score_deviation", baseline.score_deviation}};
 }
@@ -123,16 +123,16 @@ CalibrationRecord::Baseline baseline_from(const json& object) {
   baseline.slope = strict_vector_from(object.at("slope"));
   baseline.slope_covariance = strict_matrix_from(object.at("slope_covariance"));
   baseline.slope_correlation = strict_vector_from(object.at("slope_correlation"));
-  baseline.response = strict_matrix_from(object.at("response"));
-  baseline.response_deviation = strict_vector_from(object.at("response_deviation"));
-  baseline.peak = number_at(object, "peak");
-  baseline.peak_deviation = number_at(object, "peak_deviation");
-  baseline.peak_correlation = number_at(object, "peak_correlation");
+  baseline.sensitivity = strict_matrix_from(object.at("response"));
+  baseline.sensitivity_deviation = strict_vector_from(object.at("response_deviation"));
+  baseline.prominence = number_at(object, "peak");
+  baseline.prominence_deviation = number_at(object, "peak_deviation");
+  baseline.prominence_correlation = number_at(object, "peak_correlation");
   baseline.score = number_at(object, "score");
   baseline.score_deviation = number_at(object, "score_deviation");
   require(baseline.pairs >= 2 && baseline.pairs <= 1'000'000, "a baseline is of two pairs or more");
   require((baseline.slope_covariance.diagonal().array() >= 0).all() && baseline.score_deviation >= 0 &&
-              baseline.peak_deviation >= 0 && (baseline.response_deviation.array() >= 0).all(),
+              baseline.prominence_deviation >= 0 && (baseline.sensitivity_deviation.array() >= 0).all(),
           "a deviation of the baseline is negative");
   require(baseline.slope_covariance == baseline.slope_covariance.transpose(), "the covariance is not symmetric");
   return baseline;

@@ -74,7 +74,7 @@ Result<Optimum> search_standard(SearchSteps& steps, const RigidTransform& T_star
   }
   steps.recull(T, still_open(settings, parameters));
   if (parameters == 6) return finish_six(steps, T);
-  const Objective last = final_objective(Method::standard, settings.released);
+  const Objective last = final_objective(Method::standard, settings.free_axes);
   const auto found = steps.maximise_again(T, parameters, 0.3, last);
   if (!found) return propagate(found);
   return Optimum{*found, last};
@@ -86,8 +86,8 @@ Result<Optimum> search_as_published(SearchSteps& steps, const RigidTransform& T_
                                     const SearchSettings& settings) {
   double first_step = std::numeric_limits<double>::infinity();
   for (int axis = 0; axis < 6; ++axis)
-    if (settings.released[axis]) first_step = std::min(first_step, steps.bound(axis) / 4);
-  const Objective last = final_objective(method, settings.released);
+    if (settings.free_axes[axis]) first_step = std::min(first_step, steps.bound(axis) / 4);
+  const Objective last = final_objective(method, settings.free_axes);
   if (method != Method::i2i_nmi) {
     const auto found = steps.maximise(T_start, 0, first_step, last);
     if (!found) return propagate(found);
@@ -103,7 +103,7 @@ Result<Optimum> search_as_published(SearchSteps& steps, const RigidTransform& T_
 
 }  // namespace
 
-Objective final_objective(Method method, const std::array<bool, 6>& released) {
+Objective final_objective(Method method, const std::array<bool, 6>& free_axes) {
   using enum FeaturePair;
   switch (method) {
     case Method::d2d:
@@ -117,20 +117,19 @@ Objective final_objective(Method method, const std::array<bool, 6>& released) {
   }
   // Tiles keep a bias of the depth out of the rotation. They also flatten the valley in which pitch and z are
   // correlated, so that where translation is free, depth of the whole image is a term too.
-  if (!std::any_of(released.begin() + 3, released.end(), [](bool axis) { return axis; }))
+  if (!std::any_of(free_axes.begin() + 3, free_axes.end(), [](bool axis) { return axis; }))
     return objective_of({{tiled_depth, 1, 8, true}, {intensity, 3, 8, true}});
   return objective_of({{depth, 1, 4, true}, {tiled_depth, 1, 8, true}, {intensity, 6, 8, true}});
 }
 
-Objective drift_objective(bool depth_is_guessed) {
-  return depth_is_guessed ? final_objective(Method::standard, {true, true, true, false, false, false})
-                          : depth_objective;
+Objective drift_objective(bool monocular_depth) {
+  return monocular_depth ? final_objective(Method::standard, {true, true, true, false, false, false}) : depth_objective;
 }
 
 Result<SearchResult> search(Frames frames, const RigidTransform& T_camera_lidar, Method method,
                             const SearchSettings& settings) {
   if (frames.empty()) return fail(ErrorCode::too_few_pairs, "there is no frame to search with");
-  if (std::ranges::none_of(settings.released, [](bool axis) { return axis; }))
+  if (std::ranges::none_of(settings.free_axes, [](bool axis) { return axis; }))
     return fail(ErrorCode::search_failed, "no axis is free");
   if (!T_camera_lidar.matrix().allFinite()) return fail(ErrorCode::search_failed, "the extrinsic is not a number");
   SearchSteps steps(frames, T_camera_lidar, settings);
@@ -156,7 +155,7 @@ Result<SearchResult> search(Frames frames, const RigidTransform& T_camera_lidar,
   result.evaluations = steps.evaluations();
   result.reason = steps.exhausted() ? "the optimiser's last run was cut short" : "converged";
   for (int axis = settings.any_orientation ? 3 : 0; axis < 6; ++axis)
-    if (settings.released[axis] && std::abs(result.delta[axis]) > 0.98 * steps.limit(axis)) {
+    if (settings.free_axes[axis] && std::abs(result.delta[axis]) > 0.98 * steps.limit(axis)) {
       result.reason = "ends at the limit of " + std::string(axis_names[axis]);
       result.ends_at_limit = true;
     }

@@ -14,8 +14,8 @@ namespace {
 
 constexpr double negligible_gain = 1e-5;
 
-bool all(const std::array<bool, 6>& released, int from, int to) {
-  return std::all_of(released.begin() + from, released.begin() + to, [](bool axis) { return axis; });
+bool all(const std::array<bool, 6>& free_axes, int from, int to) {
+  return std::all_of(free_axes.begin() + from, free_axes.begin() + to, [](bool axis) { return axis; });
 }
 
 /// Objective of the coarse grid search: the information of all points in view, not per point, because a view with few
@@ -58,15 +58,16 @@ std::vector<double> SearchSteps::values(std::span<const RigidTransform> T, const
   for (std::size_t i = 0; i < T.size(); ++i) {
     const Vector6 delta = delta_of(T[i]);
     for (int axis = settings_.any_orientation ? 3 : 0; axis < 6; ++axis)
-      if (settings_.released[axis]) values[i] -= std::max(0.0, std::abs(delta[axis]) / limit(axis) - 1);
+      if (settings_.free_axes[axis]) values[i] -= std::max(0.0, std::abs(delta[axis]) / limit(axis) - 1);
   }
   return values;
 }
 
 int SearchSteps::parameters() const {
-  if (!all(settings_.released, 0, 3)) return 0;
-  if (all(settings_.released, 3, 6)) return 6;
-  return std::none_of(settings_.released.begin() + 3, settings_.released.end(), [](bool axis) { return axis; }) ? 3 : 0;
+  if (!all(settings_.free_axes, 0, 3)) return 0;
+  if (all(settings_.free_axes, 3, 6)) return 6;
+  return std::none_of(settings_.free_axes.begin() + 3, settings_.free_axes.end(), [](bool axis) { return axis; }) ? 3
+                                                                                                                  : 0;
 }
 
 Result<RigidTransform> SearchSteps::maximise_again(RigidTransform T, int parameters, double first_step,
@@ -169,7 +170,7 @@ Result<RigidTransform> SearchSteps::maximise(const RigidTransform& T_base, int p
   std::vector<double> start, bounds;
   const Vector6 from = parameters == 0 ? delta_of(T_base) : Vector6::Zero();
   for (int axis = 0; axis < 6; ++axis) {
-    if (parameters == 0 ? !settings_.released[axis] : axis >= parameters) continue;
+    if (parameters == 0 ? !settings_.free_axes[axis] : axis >= parameters) continue;
     axes.push_back(axis);
     start.push_back(from[axis] / unit_of(axis));
     // A rotation about the pivot shifts the LiDAR, so its translation needs wider bounds; `value` keeps the real ones.

@@ -47,7 +47,7 @@ json misalignment_json(const PairStatus::Misalignment& misalignment) {
 }
 
 /// Null where infinite.
-json noticeable_json(const Vector6& shifts) {
+json detection_limit_json(const Vector6& shifts) {
   const auto three = [&](int first, double unit) {
     json array = json::array();
     for (int axis = first; axis < first + 3; ++axis)
@@ -92,7 +92,7 @@ json pair_json(const PairStatus& pair) {
               {"score", nullptr},
               {"misalignment", nullptr},
               {"axes", nullptr},
-              {"noticeable", pair.noticeable ? noticeable_json(*pair.noticeable) : json()},
+              {"detection_limit", pair.detection_limit ? detection_limit_json(*pair.detection_limit) : json()},
               {"T_camera_lidar", transform_json(pair.T_camera_lidar)},
               {"proposed", nullptr},
               {"record", pair.record ? record_json(*pair.record) : json()},
@@ -154,7 +154,7 @@ PairStatus::Misalignment misalignment_from(const json& object) {
   return {six("rotation_deg", "translation_cm"), six("sigma_rotation_deg", "sigma_translation_cm")};
 }
 
-Vector6 noticeable_from(const json& object) {
+Vector6 detection_limit_from(const json& object) {
   Vector6 shifts;
   const auto three = [&](const json& array, int first, double unit) {
     if (!array.is_array() || array.size() != 3) throw std::invalid_argument("a list of 3 is needed");
@@ -189,8 +189,8 @@ PairStatus pair_from(const json& object) {
   if (const json& misalignment = object.at("misalignment"); !misalignment.is_null())
     pair.misalignment = misalignment_from(misalignment);
   // Came later: a snapshot of an earlier calibd lacks it.
-  if (const auto shifts = object.find("noticeable"); shifts != object.end() && !shifts->is_null())
-    pair.noticeable = noticeable_from(*shifts);
+  if (const auto shifts = object.find("detection_limit"); shifts != object.end() && !shifts->is_null())
+    pair.detection_limit = detection_limit_from(*shifts);
   pair.T_camera_lidar = json_fields::transform_from(object.at("T_camera_lidar"));
   if (const json& proposed = object.at("proposed"); !proposed.is_null())
     pair.proposed = {json_fields::transform_from(proposed.at("T_camera_lidar")),
@@ -211,7 +211,7 @@ PairStatus pair_from(const json& object) {
 }  // namespace
 
 std::string axis_in_words(const PairStatus& pair, int axis) {
-  if (pair.noticeable && !std::isfinite((*pair.noticeable)[axis])) return "not observable";
+  if (pair.detection_limit && !std::isfinite((*pair.detection_limit)[axis])) return "not observable";
   return pair.misalignment ? motion_in_words(axis, pair.misalignment->delta[axis], pair.misalignment->sigma[axis])
                            : "not known yet";
 }

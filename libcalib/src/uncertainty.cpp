@@ -32,7 +32,7 @@ Slopes slopes(const FeatureSet& frame, const RigidTransform& T, const Eigen::Vec
   Vector6 plus = Vector6::Zero(), minus = Vector6::Zero();
   Slopes result;
   for (int i = 0; i < 6; ++i) {
-    if (!settings.released[i]) continue;
+    if (!settings.free_axes[i]) continue;
     const Vector6 move = Vector6::Unit(i) * step(i);
     plus[i] = at(move);
     minus[i] = at(-move);
@@ -40,7 +40,7 @@ Slopes slopes(const FeatureSet& frame, const RigidTransform& T, const Eigen::Vec
     result.gradient[i] = (plus[i] - minus[i]) / (2 * h);
     result.hessian(i, i) = (plus[i] - 2 * here + minus[i]) / (h * h);
     for (int j = 0; j < i; ++j) {
-      if (!settings.released[j]) continue;
+      if (!settings.free_axes[j]) continue;
       const Vector6 both = move + Vector6::Unit(j) * step(j);
       result.hessian(i, j) =
           (at(both) + at(-both) - plus[i] - minus[i] - plus[j] - minus[j] + 2 * here) / (2 * h * step(j) / scale[j]);
@@ -98,7 +98,7 @@ Uncertainty uncertainty(Frames frames, const RigidTransform& T_camera_lidar, con
   for (int axis = 0; axis < 6; ++axis)
     scale[axis] = std::max(1e-9, axis < 3 ? settings.bounds.rotation_rad : settings.bounds.translation_m);
   // As in the search: about a point in the scene, where the six parameters are hardly correlated.
-  const bool everything = std::ranges::all_of(settings.released, [](bool axis) { return axis; });
+  const bool everything = std::ranges::all_of(settings.free_axes, [](bool axis) { return axis; });
   const Eigen::Vector3d pivot =
       everything ? Eigen::Vector3d(T_camera_lidar.inverse() * Eigen::Vector3d(0, 0, pivot_distance_m))
                  : Eigen::Vector3d(0, 0, 0);
@@ -135,7 +135,7 @@ Uncertainty uncertainty(Frames frames, const RigidTransform& T_camera_lidar, con
   result.bootstrap_covariance = in_units(resampled);
   const Vector6 sigma = result.sigma();
   for (int axis = 0; axis < 6; ++axis)
-    result.observable[axis] = settings.released[axis] && has_maximum(all, axis) && sigma[axis] < scale[axis] / 2;
+    result.observable[axis] = settings.free_axes[axis] && has_maximum(all, axis) && sigma[axis] < scale[axis] / 2;
   return result;
 }
 

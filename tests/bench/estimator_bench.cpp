@@ -94,7 +94,8 @@ void search_of_any_orientation(benchmark::State& state) {
     uncut.push_back(test::require_ok(make_features(drive().pair(i), drive().depth(i), drive().camera(),
                                                    drive().T_camera_lidar(), {.bounds = {.rotation_rad = 3}})));
   const auto all = test::pointers(uncut);
-  const SearchSettings settings{.bounds = {}, .any_orientation = true, .released = {true, true, true, false, false, false}};
+  const SearchSettings settings{
+      .bounds = {}, .any_orientation = true, .free_axes = {true, true, true, false, false, false}};
   const RigidTransform T_start = drive().T_camera_lidar() * test::knock(100, 40, -130);
   RigidTransform found;
   for (auto _ : state) found = test::require_ok(search(all, T_start, Method::standard, settings)).T_camera_lidar;

@@ -94,7 +94,7 @@ def test_no_false_alarm_is_raised_in_simulated_streets(street):
     null = street.result["null"]
     assert null["false_alarms"] == 0 and null["rate_per_1000_vehicle_weeks"] == 0
     assert null["sequences"] == 2 and null["vehicle_weeks"] == pytest.approx(12, rel=0.01)
-    assert null["decisions"] + null["pairs_learning"] + null["pairs_blind"] == 12 * 56 * 360
+    assert null["decisions"] + null["pairs_learning"] + null["pairs_without_power"] == 12 * 56 * 360
     assert null["upper95"] == pytest.approx(1000 * 2.9957 / null["vehicle_weeks"], rel=1e-4)
 
 
@@ -106,7 +106,7 @@ def test_the_text_says_what_the_result_says(street):
     for line, knock in zip(table, street.result["knocks"]):
         assert line.startswith(knock["axis"]) and f"{knock['detected']} of 40" in line
     for axis in street.result["axes"]:
-        assert 0 < axis["sigma_of_pair"] < axis["noticeable"] * 2
+        assert 0 < axis["sigma_of_pair"] < axis["detection_limit"] * 2
 
 
 def test_the_operating_curve_begins_at_the_setting_and_gets_quicker(street):

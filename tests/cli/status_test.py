@@ -70,9 +70,9 @@ def test_the_snapshot_of_a_dead_daemon_is_shown_as_that(calibctl, schema):
 
 def test_status_says_signs_as_words_and_aligns_its_colons(calibctl):
     out = calibctl("status").out
-    for words in ("Verdict         : calibrated\n", "Roll            : 0.10 degrees right side down, sigma 0.06; noticed from 0.11",
+    for words in ("Verdict         : calibrated\n", "Roll            : 0.10 degrees right side down, sigma 0.06; detection limit 0.11",
                   "Pitch           : 0.20 degrees nose up", "Yaw             : 0.60 degrees to the left",
-                  "X               : not observable\n", "Y               : 2.0 cm to the left, sigma 0.1; noticed from 0.2\n",
+                  "X               : not observable\n", "Y               : 2.0 cm to the left, sigma 0.1; detection limit 0.2\n",
                   "Z               : 0.0 cm, sigma",
                   "Skipped         : 4 (dark 1, low_overlap 3)", "Image           : /camera/left/image, 0.2 s ago",
                   "Cloud           : /lidar/points, never seen", "12.5 ms, cloud before image", "verified"):

@@ -130,7 +130,7 @@ TEST_CASE("every key is read, into SI units") {
   CHECK(pair.drift.baseline_pairs == 30);
   CHECK(pair.drift.false_alerts_per_1000_vehicle_weeks == 2.5);
   CHECK(pair.drift.driving_hours_per_week == 40);
-  CHECK(pair.drift.must_notice_rad == Approx(radians_per_degree));
+  CHECK(pair.drift.must_detect_rad == Approx(radians_per_degree));
   CHECK(pair.recalibration.mode == RecalibrationMode::apply);
   CHECK(pair.recalibration.frames == 40);
   CHECK(pair.recalibration.max_rotation_rad == Approx(3 * radians_per_degree));
@@ -155,7 +155,7 @@ TEST_CASE("what is not given has the documented default") {
   CHECK(pair.drift.baseline_pairs == 20);
   CHECK(pair.drift.false_alerts_per_1000_vehicle_weeks == 1);
   CHECK(pair.drift.driving_hours_per_week == 56);
-  CHECK(pair.drift.must_notice_rad == Approx(0.5 * radians_per_degree));
+  CHECK(pair.drift.must_detect_rad == Approx(0.5 * radians_per_degree));
   CHECK(pair.recalibration.mode == RecalibrationMode::propose);
   CHECK(pair.recalibration.frames == 25);
   CHECK(pair.recalibration.max_rotation_rad == Approx(5 * radians_per_degree));
@@ -187,7 +187,7 @@ TEST_CASE("the example in systemd/ is a configuration, and its values are the de
   CHECK(config.pairs[0].drift.false_alerts_per_1000_vehicle_weeks ==
         defaults.pairs[0].drift.false_alerts_per_1000_vehicle_weeks);
   CHECK(config.pairs[0].drift.driving_hours_per_week == defaults.pairs[0].drift.driving_hours_per_week);
-  CHECK(config.pairs[0].drift.must_notice_rad == defaults.pairs[0].drift.must_notice_rad);
+  CHECK(config.pairs[0].drift.must_detect_rad == defaults.pairs[0].drift.must_detect_rad);
   CHECK(config.pairs[0].recalibration.min_interval == defaults.pairs[0].recalibration.min_interval);
   CHECK(config.pairs[0].recalibration.mode == defaults.pairs[0].recalibration.mode);
   CHECK(config.pairs[0].recalibration.frames == defaults.pairs[0].recalibration.frames);

@@ -72,7 +72,7 @@ TEST_CASE("a displacement is found and recalibrated from pairs taken since, and 
     CHECK(can_recalibrate(loop) == (i >= 10));
     auto measurement = test::require_ok(loop.measure(drive.pair(i), *drive.depth));
     CHECK(measurement.stencil.current > 1);
-    CHECK(measurement.response.has_value());
+    CHECK(measurement.sensitivity.has_value());
     const Stencil stencil = measurement.stencil;
     const FeatureSet features = measurement.features;
     CHECK(score(features, drive.vehicle.T_camera_lidar).value == stencil.current);

@@ -14,8 +14,11 @@ using namespace std::chrono_literals;
 namespace {
 
 AxisEvidence random_evidence(vehicle::Random& random, Timestamp stamp, double shift = 0) {
-  AxisEvidence evidence{.stamp = stamp, .score = 1.2 + 0.01 * random.gaussian(), .peak = 0.02 + 0.005 * random.gaussian(), .response = Matrix6::Zero()};
-  for (int i = 0; i < 36; ++i) (*evidence.response)(i / 6, i % 6) = (i % 7 == 0) + 0.1 * random.gaussian();
+  AxisEvidence evidence{.stamp = stamp,
+                        .score = 1.2 + 0.01 * random.gaussian(),
+                        .prominence = 0.02 + 0.005 * random.gaussian(),
+                        .sensitivity = Matrix6::Zero()};
+  for (int i = 0; i < 36; ++i) (*evidence.sensitivity)(i / 6, i % 6) = (i % 7 == 0) + 0.1 * random.gaussian();
   for (int axis = 0; axis < 6; ++axis) evidence.slope[axis] = shift + 0.1 * random.gaussian();
   return evidence;
 }

@@ -19,7 +19,7 @@ std::vector<Octets> seeds() {
   AxisEvidence evidence;
   evidence.stamp = std::chrono::seconds(11);
   state.drift.recent.push_back(evidence);
-  evidence.response = Matrix6::Identity();
+  evidence.sensitivity = Matrix6::Identity();
   state.drift.recent.push_back(evidence);
   state.drift.baseline.pairs = 20;
   return {octets(to_text(PairState{})), octets(to_text(state))};

@@ -25,7 +25,7 @@ std::vector<Octets> seeds() {
   pair.skipped = {{"low_overlap", 3}};
   pair.score = PairStatus::Score{0.2, 0.19, 0.21};
   pair.misalignment = PairStatus::Misalignment{Vector6::Constant(0.01), Vector6::Constant(0.001)};
-  pair.noticeable = Vector6::Constant(std::numeric_limits<double>::infinity());
+  pair.detection_limit = Vector6::Constant(std::numeric_limits<double>::infinity());
   pair.proposed = PairStatus::Proposed{RigidTransform::Identity(), 4};
   pair.record = PairStatus::Record{3, "0123456789ABCDEF", true, pair.since};
   pair.image.age_s = pair.cloud.age_s = 0.5;

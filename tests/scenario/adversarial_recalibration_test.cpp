@@ -79,10 +79,10 @@ struct World {
   AdversePlace& place(PlaceKind kind, int seed) {
     return places.try_emplace({kind, seed}, kind, seed, baseline_pairs + most_pairs).first->second;
   }
-  const DriftState& baseline(PlaceKind kind, int seed, bool depth_is_guessed) {
-    const auto [found, inserted] = baselines.try_emplace({kind, seed, depth_is_guessed});
+  const DriftState& baseline(PlaceKind kind, int seed, bool monocular_depth) {
+    const auto [found, inserted] = baselines.try_emplace({kind, seed, monocular_depth});
     if (inserted) {
-      Watched sound(place(kind, seed), depth_is_guessed, {});
+      Watched sound(place(kind, seed), monocular_depth, {});
       for (int i = 0; i < baseline_pairs; ++i)
         sound.see(test::sound_sample(place(kind, seed), i, RigidTransform::Identity()), std::chrono::seconds(5 * i));
       found->second = sound.drift();
@@ -115,8 +115,8 @@ struct Recorded {
     }
     return made;
   }
-  [[nodiscard]] NormalScore normal() const {
-    NormalScore normal{.objective = depth_objective, .pairs = static_cast<int>(recording_frames.frames.size())};
+  [[nodiscard]] BaselineScore normal() const {
+    BaselineScore normal{.objective = depth_objective, .pairs = static_cast<int>(recording_frames.frames.size())};
     std::vector<double> scores;
     for (const FeatureSet& frame : features(RigidTransform::Identity()))
       scores.push_back(score(frame, recording_frames.T_camera_lidar, normal.objective).value);
@@ -138,7 +138,7 @@ struct Case {
   PlaceKind place = PlaceKind::street;
   int seed = 1;
   RigidTransform motion = RigidTransform::Identity();
-  bool depth_is_guessed = false;
+  bool monocular_depth = false;
   bool from_start = false;  // nothing was learned before it happened
   std::uint64_t key = 0;
 };
@@ -165,8 +165,8 @@ double mean_angle_off(const AdversePlace& place, const RigidTransform& motion, c
 
 Ending run(World& world, const Case& c) {
   const AdversePlace& place = world.place(c.place, c.seed);
-  Watched watched(place, c.depth_is_guessed,
-                  c.from_start ? DriftState{} : world.baseline(c.place, c.seed, c.depth_is_guessed));
+  Watched watched(place, c.monocular_depth,
+                  c.from_start ? DriftState{} : world.baseline(c.place, c.seed, c.monocular_depth));
   Result<Answer> outcome = watched.recalibrate();
   for (int i = 0; i < most_pairs && !outcome && outcome.error().code == "not_ready"; ++i) {
     Random constant(mix(c.key, 1)), changing(mix(c.key, 2, i));
@@ -203,7 +203,7 @@ Case adverse_case(int number, int places) {
   Case c{.adversity = test::adversities()[static_cast<std::size_t>(number) % test::adversities().size()], .key = key};
   c.place = kinds[static_cast<std::size_t>(place) % kinds.size()];
   c.seed = place;
-  c.depth_is_guessed = random.chance(0.3F);
+  c.monocular_depth = random.chance(0.3F);
   c.from_start = random.chance(0.2F);
   // None twice: then any change is for the worse.
   if (knock == 2) c.motion = any_knock(random, 1, 0.1F);
@@ -217,10 +217,10 @@ Case knock_case(int number, int places) {
   Case c{.adversity = test::adversities().front()};
   c.place = random.chance(0.5F) ? PlaceKind::street : PlaceKind::country;
   c.seed = random.below(places);
-  c.depth_is_guessed = random.chance(0.3F);
+  c.monocular_depth = random.chance(0.3F);
   c.from_start = random.chance(0.2F);
   const float degrees = random.chance(0.5F) ? 1 : 3;
-  c.motion = any_knock(random, degrees, c.depth_is_guessed ? 0 : 0.1F * degrees) * test::knock(0, 0, 0.5);
+  c.motion = any_knock(random, degrees, c.monocular_depth ? 0 : 0.1F * degrees) * test::knock(0, 0, 0.5);
   return c;
 }
 
@@ -276,7 +276,7 @@ struct Cases {
 void judge(const Cases& cases, int number, const Case& c, const Ending& ending, Table& table) {
   table.add(c.adversity.name, ending);
   std::ostringstream line;
-  line << number << " " << c.adversity.name << ", " << name_of(c.place) << (c.depth_is_guessed ? ", guessed" : "")
+  line << number << " " << c.adversity.name << ", " << name_of(c.place) << (c.monocular_depth ? ", guessed" : "")
        << (c.from_start ? ", from the start" : "") << ": " << 1000 * ending.before_rad << " -> "
        << 1000 * ending.after_rad << " mrad" << (ending.worse() ? " WORSE, " : ", ")
        << (ending.accepted ? "accepted: " : "rejected: ") << ending.reason;
@@ -316,7 +316,7 @@ TEST_CASE("a knock of a recorded LiDAR is put right, and depth that is suddenly 
   const std::string source = GENERATE("stereo_net", "sgbm");
   if (!std::filesystem::is_directory(*drive / "depth" / source)) return test::skip("no depth/" + source);
   const Recorded sound(*drive, source, 0), biased(*drive, source, 0.4);
-  const NormalScore normal = sound.normal();
+  const BaselineScore normal = sound.normal();
   const auto recalibrated = [&](const Recorded& now, double yaw_deg) {
     const RigidTransform motion = test::knock(yaw_deg / 2, -yaw_deg / 2, yaw_deg);
     const RigidTransform& start = now.recording_frames.T_camera_lidar;

@@ -29,7 +29,7 @@ TEST_CASE("without drift there is no alert and no record", "[release-only]") {
   CHECK(scenario.records(Decision::baseline) + scenario.records(Decision::accepted) +
             scenario.records(Decision::rejected) ==
         0);
-  for (int axis = 0; axis < 3; ++axis) CHECK((*scenario.status().noticeable)[axis] < 0.5 * radians_per_degree);
+  for (int axis = 0; axis < 3; ++axis) CHECK((*scenario.status().detection_limit)[axis] < 0.5 * radians_per_degree);
 }
 
 TEST_CASE("a yaw that drifts by a tenth of a degree an hour is told before it is half a degree", "[release-only]") {
@@ -72,13 +72,13 @@ TEST_CASE("ten centimetres along any axis are noticed, or it is said that they a
   Vector6 motion = Vector6::Zero();
   motion[axis] = 0.1;
   PairScenario scenario({.mode = RecalibrationMode::propose});
-  const double noticeable_m = (*scenario.status().noticeable)[axis];
+  const double detection_limit_m = (*scenario.status().detection_limit)[axis];
   const int windows = scenario.drive_until(Verdict::drifted, 100, {.motion = motion});
-  INFO(axis_names[axis] << ": noticeable from " << noticeable_m << " m, " << windows << " pairs");
-  if (noticeable_m < 0.1)
+  INFO(axis_names[axis] << ": detection limit " << detection_limit_m << " m, " << windows << " pairs");
+  if (detection_limit_m < 0.1)
     CHECK(windows <= 100);
   else
-    CHECK((*scenario.status().noticeable)[axis] >= 0.1);
+    CHECK((*scenario.status().detection_limit)[axis] >= 0.1);
 }
 
 TEST_CASE("an extrinsic that is wrong from the start is never called calibrated, and put right") {

@@ -46,15 +46,15 @@ inline CalibrationRecord::Baseline random_baseline(std::mt19937& random) {
   baseline.pairs = 2 + random() % 1000;
   for (double& value : baseline.slope) value = random_number(random);
   for (double& value : baseline.slope_correlation) value = random_number(random);
-  for (double& value : baseline.response.reshaped()) value = random_number(random);
-  for (double& value : baseline.response_deviation) value = std::abs(random_number(random));
+  for (double& value : baseline.sensitivity.reshaped()) value = random_number(random);
+  for (double& value : baseline.sensitivity_deviation) value = std::abs(random_number(random));
   for (int row = 0; row < 6; ++row)
     for (int column = 0; column <= row; ++column)
       baseline.slope_covariance(row, column) = baseline.slope_covariance(column, row) =
           row == column ? std::abs(random_number(random)) : random_number(random);
-  baseline.peak = random_number(random);
-  baseline.peak_deviation = std::abs(random_number(random));
-  baseline.peak_correlation = random_number(random);
+  baseline.prominence = random_number(random);
+  baseline.prominence_deviation = std::abs(random_number(random));
+  baseline.prominence_correlation = random_number(random);
   baseline.score = random_number(random);
   baseline.score_deviation = std::abs(random_number(random));
   return baseline;

@@ -76,10 +76,10 @@ CalibrationRecord baseline_record(const CalibrationRecord& in_force) {
   record.baseline = CalibrationRecord::Baseline{.pairs = 20,
                                                 .slope = Vector6::Constant(0.5),
                                                 .slope_covariance = 4 * Matrix6::Identity(),
-                                                .response = 100 * Matrix6::Identity(),
-                                                .response_deviation = Vector6::Constant(10),
-                                                .peak = 0.25,
-                                                .peak_deviation = 0.0625,
+                                                .sensitivity = 100 * Matrix6::Identity(),
+                                                .sensitivity_deviation = Vector6::Constant(10),
+                                                .prominence = 0.25,
+                                                .prominence_deviation = 0.0625,
                                                 .score = 1.25,
                                                 .score_deviation = 0.0625};
   return record;
@@ -114,8 +114,8 @@ Status snapshot(const CalibrationRecord& in_force, const PublicKey& key, Verdict
   pair.misalignment->delta << 0.1 * radians_per_degree, -0.2 * radians_per_degree, 0.6 * radians_per_degree, -0.01,
       0.02, 0;
   pair.misalignment->sigma.setConstant(0.001);
-  pair.noticeable.emplace(Vector6::Constant(0.002));
-  (*pair.noticeable)[3] = std::numeric_limits<double>::infinity();
+  pair.detection_limit.emplace(Vector6::Constant(0.002));
+  (*pair.detection_limit)[3] = std::numeric_limits<double>::infinity();
   pair.T_camera_lidar = in_force.T_camera_lidar;
   pair.record = PairStatus::Record{in_force.sequence, key.id_text(), true, in_force.wall_time};
   pair.image = {"/camera/left/image", 0.25};

@@ -286,7 +286,7 @@ TEST_CASE("the image ends at the outer edges of its border pixels") {
   CHECK_FALSE(visible(0, 49.51));
 }
 
-TEST_CASE("a camera resized sees the same at the place that resizing the image moves it to") {
+TEST_CASE("a resized camera projects a point to where resizing the image moves its pixel") {
   for (const Parameters& of : all) {
     INFO(to_string(of.model));
     const Camera camera = of.camera();

@@ -29,7 +29,7 @@ TEST_CASE("true depth agrees with the scan, in order and in scale") {
   CHECK(agreement->points > 3000);
 }
 
-TEST_CASE("the rank correlation knows no monotone distortion, the scale does") {
+TEST_CASE("a monotone distortion changes the scale, not the rank correlation") {
   test::SimulatedDrive drive(4);
   const DepthMap depth = drive.depth(0);
   const LidarScan scan = drive.scan(0);
@@ -57,7 +57,7 @@ TEST_CASE("depth along the ray is compared with the distance along the ray") {
   CHECK(agreement->scale == Approx(1).epsilon(0.02));
 }
 
-TEST_CASE("depth that is the same everywhere says nothing") {
+TEST_CASE("constant depth carries no information") {
   test::SimulatedDrive drive(4);
   const DepthMap flat = changed(drive.depth(0), [](float) { return 0.1F; });
   CHECK(depth_agreement(flat, drive.camera(), drive.T_camera_lidar(), drive.scan(0))->rank_correlation == 0);

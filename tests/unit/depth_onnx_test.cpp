@@ -189,7 +189,7 @@ TEST_CASE("a network whose weights are in another file is refused, wherever in t
   CHECK(difference(require_ok(network("internal_again")->estimate(slope(true))), slope(true).image).greatest < 0.01);
 }
 
-TEST_CASE("what is wrong with a network is told with its file and what to do") {
+TEST_CASE("an error of a network names its file and the remedy") {
   const std::array<std::array<std::string, 3>, 15> wrongs{{
       {"unknown_operator", "Foresee", "export the network again"},
       {"future_ir", "cannot load it", "export the network again"},
@@ -237,7 +237,7 @@ TEST_CASE("what is behind the camera, infinite or out of range has no depth") {
   CHECK(require_ok(network("metric3d")->estimate(black)).valid_share() == 1);
 }
 
-TEST_CASE("an execution provider that is not there is told, and the CPU used") {
+TEST_CASE("an execution provider that is missing is remarked, and the CPU used") {
   const auto depth = require_ok(network("metric3d")->estimate(slope(true))).inverse_depth;
   for (const std::string provider : {"cuda", "TensorRT", "OpenVINOExecutionProvider", "abacus"}) {
     const auto estimator = network("metric3d", {.execution_provider = provider});

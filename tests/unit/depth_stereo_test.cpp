@@ -156,7 +156,7 @@ TEST_CASE("depth of an unrectified pair is along the left camera's own axis, at 
   }
 }
 
-TEST_CASE("cameras that are no stereo pair are told apart by what is wrong with them") {
+TEST_CASE("the refusal of two cameras that are no stereo pair names what is wrong with them") {
   const auto refusal = [](const RigidTransform& T_right_left) {
     const auto made = make_stereo_depth(camera(CameraModel::plumb_bob), {camera(CameraModel::plumb_bob), T_right_left});
     return made ? "" : made.error().context;

@@ -23,9 +23,9 @@ std::vector<AxisEvidence> evidence_at(const Vector6& moved, std::size_t frames) 
     vehicle::Random random(i);
     for (int axis = 0; axis < 6; ++axis) evidence[i].slope[axis] = hill * (moved[axis] + sigma_rad * random.gaussian());
     evidence[i].score = 1.1 + 0.01 * random.gaussian();
-    evidence[i].peak = 0.02 + 0.001 * random.gaussian();
-    evidence[i].response = hill * Matrix6::Identity();
-    for (int axis = 0; axis < 6; ++axis) (*evidence[i].response)(axis, axis) *= 1 + 0.1 * random.gaussian();
+    evidence[i].prominence = 0.02 + 0.001 * random.gaussian();
+    evidence[i].sensitivity = hill * Matrix6::Identity();
+    for (int axis = 0; axis < 6; ++axis) (*evidence[i].sensitivity)(axis, axis) *= 1 + 0.1 * random.gaussian();
   }
   return evidence;
 }
@@ -102,9 +102,9 @@ TEST_CASE("evidence between two rungs is interpolated, and none is beyond the la
   CHECK(yaw_at(-0.006) == Approx(-0.6));
   CHECK(yaw_at(-1) == Approx(-0.6));
   Ladder flatter = ladder;
-  flatter.rungs[1][0].peak = 0;
-  CHECK(flatter.at(-0.001, 0).peak == Approx(ladder.rungs[0][0].peak / 2));
-  CHECK(ladder.at(-0.003, 0).response);
+  flatter.rungs[1][0].prominence = 0;
+  CHECK(flatter.at(-0.001, 0).prominence == Approx(ladder.rungs[0][0].prominence / 2));
+  CHECK(ladder.at(-0.003, 0).sensitivity);
 }
 
 TEST_CASE("vehicles whose LiDAR stays raise no alarm, and every pair of theirs is accounted for") {
@@ -114,7 +114,7 @@ TEST_CASE("vehicles whose LiDAR stays raise no alarm, and every pair of theirs i
   CHECK(run.sequences == 3);
   CHECK(done == 3);
   CHECK(run.false_alarms == 0);
-  CHECK(run.decisions + run.learning + run.blind == 25 * 56 * 360);
+  CHECK(run.decisions + run.learning + run.insufficient_power == 25 * 56 * 360);
   CHECK(run.learning == 3 * 19);
   CHECK(run.weeks == Approx(25).epsilon(1e-3));
   CHECK(*run.per_1000_weeks() == 0);
@@ -148,15 +148,15 @@ TEST_CASE("a vehicle whose scenes change for long gets false alarms, and begins 
   CHECK(*run.per_1000_weeks() == Approx(1000 * static_cast<double>(run.false_alarms) / run.weeks));
 }
 
-TEST_CASE("frames that tell nothing let nothing be judged, and no rate is told") {
+TEST_CASE("frames without information give no verdict, and no rate of false alarms") {
   auto still = evidence_at(Vector6::Zero(), 30);
   for (AxisEvidence& evidence : still) {
     evidence.slope.setZero();
-    evidence.response->setZero();
+    evidence.sensitivity->setZero();
   }
   const NullRun run = drive_without_drift(still, settings_with(), 0.1, nothing);
   CHECK(run.decisions == 0);
-  CHECK(run.blind > 1900);
+  CHECK(run.insufficient_power > 1900);
   CHECK_FALSE(run.per_1000_weeks());
   CHECK_FALSE(run.upper95_per_1000_weeks());
   CHECK(to_json(run)["upper95"].is_null());
@@ -182,10 +182,10 @@ TEST_CASE("a knock is found, and estimated with its sign") {
   }
 }
 
-TEST_CASE("a knock that changes nothing is never found, and that had been told") {
+TEST_CASE("a displacement below the detection limit is not found, and is counted as foretold") {
   constexpr std::size_t frames = 60;
   auto still = evidence_at(Vector6::Zero(), frames);
-  for (AxisEvidence& evidence : still) evidence.response->row(3).setZero();
+  for (AxisEvidence& evidence : still) evidence.sensitivity->row(3).setZero();
   const Ladder ladder{3, 0.1, {still, still}};
   int pairs = 0, before = 0;
   const MovedRun run =

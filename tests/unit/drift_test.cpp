@@ -28,7 +28,7 @@ bool same(const DriftState& a, const DriftState& b) {
   const auto same_seen = [](const auto& x, const auto& y) { return x.stamp == y.stamp && x.slope == y.slope; };
   return std::ranges::equal(a.recent, b.recent, same_seen) && a.charts == b.charts && a.loss_charts == b.loss_charts &&
          a.baseline.pairs == b.baseline.pairs && a.baseline.slope == b.baseline.slope &&
-         a.baseline.slope_products == b.baseline.slope_products && a.baseline.response == b.baseline.response &&
+         a.baseline.slope_products == b.baseline.slope_products && a.baseline.sensitivity == b.baseline.sensitivity &&
          a.verdict == b.verdict;
 }
 
@@ -85,7 +85,7 @@ TEST_CASE("a drift that is put right is called calibrated again") {
   CHECK(vehicle.drive(monitor, 50) == DriftVerdict::calibrated);
 }
 
-TEST_CASE("small shifts are found with patience, and slow ones as well as sudden ones") {
+TEST_CASE("small shifts are detected within many pairs, and slow ones as well as sudden ones") {
   for (const double slope : {0.0, 0.01})  // steps per pair
     for (std::uint64_t seed = 0; seed < 40; ++seed) {
       Vehicle vehicle(seed);
@@ -101,7 +101,7 @@ TEST_CASE("small shifts are found with patience, and slow ones as well as sudden
     }
 }
 
-TEST_CASE("a shift right after the baseline was learned does not become normal") {
+TEST_CASE("a shift right after the baseline was learned does not enter the baseline") {
   for (std::uint64_t seed = 0; seed < 100; ++seed) {
     Vehicle vehicle(seed);
     DriftMonitor monitor(keen);
@@ -140,7 +140,7 @@ TEST_CASE("a pair of the baseline without a response is refused and changes noth
   DriftMonitor monitor({});
   vehicle.drive(monitor, 3);
   AxisEvidence evidence = vehicle.see();
-  evidence.response.reset();
+  evidence.sensitivity.reset();
   const DriftState before = monitor.state();
   const auto refused = monitor.observe(evidence);
   REQUIRE_FALSE(refused);
@@ -152,7 +152,7 @@ TEST_CASE("a pair of the baseline without a response is refused and changes noth
   CHECK(monitor.observe(evidence));
 }
 
-TEST_CASE("a single bad frame never makes drifted, and does not blind the monitor to what comes after it") {
+TEST_CASE("the drift monitor ignores a single outlier, which does not mask a later drift") {
   vehicle::Random random(8);
   for (int trial = 0; trial < 300; ++trial) {
     Vehicle vehicle(trial);
@@ -219,56 +219,55 @@ TEST_CASE("a monitor that could not notice a rotation says so and calls nothing 
     DriftMonitor monitor({});
     for (int pair = 0; pair < 150; ++pair) {
       AxisEvidence evidence = vehicle.see();
-      (*evidence.response)(axis_of_noise, axis_of_noise) *= 0.1 * random.gaussian();
+      (*evidence.sensitivity)(axis_of_noise, axis_of_noise) *= 0.1 * random.gaussian();
       REQUIRE(monitor.observe(evidence) != DriftVerdict::drifted);
       if (axis_of_noise < 3) REQUIRE(monitor.verdict() != DriftVerdict::calibrated);
     }
-    CHECK(monitor.verdict() == (axis_of_noise < 3 ? DriftVerdict::blind : DriftVerdict::calibrated));
-    for (int axis = 0; axis < 6; ++axis) CHECK(std::isfinite(monitor.noticeable_shift(axis)) == (axis != axis_of_noise));
+    CHECK(monitor.verdict() == (axis_of_noise < 3 ? DriftVerdict::insufficient_power : DriftVerdict::calibrated));
+    for (int axis = 0; axis < 6; ++axis) CHECK(std::isfinite(monitor.detection_limit(axis)) == (axis != axis_of_noise));
     CHECK(monitor.misalignment()->delta[axis_of_noise] == 0);
     CHECK(monitor.misalignment()->sigma()[axis_of_noise] == Approx(StencilStep{}.of_axis(axis_of_noise)));
     if (axis_of_noise < 3)
       CHECK_THAT(monitor.reason(), Catch::Matchers::ContainsSubstring(std::string(axis_names[axis_of_noise])) &&
                                        Catch::Matchers::ContainsSubstring("could go unnoticed"));
     vehicle.offset[(axis_of_noise + 1) % 6] = 1;
-    CHECK(vehicle.drive(monitor, 20) == DriftVerdict::drifted);  // what is seen is told all the same
+    CHECK(vehicle.drive(monitor, 20) == DriftVerdict::drifted);  // what is observable is still detected
   }
 }
 
-TEST_CASE(
-    "a LiDAR knocked so far that no slope tells of it is noticed by the peak that is lost, flatter scenery is not") {
+TEST_CASE("a displacement beyond the basin is detected by the loss of the maximum; scenes of less prominence are not") {
   for (std::uint64_t seed = 0; seed < 40; ++seed) {
     Vehicle vehicle(seed);
     DriftMonitor monitor({});
     vehicle.drive(monitor, 60);
-    vehicle.peak *= 0.7;
+    vehicle.prominence *= 0.7;
     REQUIRE(vehicle.drive(monitor, 500) == DriftVerdict::calibrated);
-    vehicle.peak = 0;
+    vehicle.prominence = 0;
     REQUIRE(pairs_until_drifted(vehicle, monitor, 50) <= 30);
-    CHECK_THAT(monitor.reason(), Catch::Matchers::ContainsSubstring("too far to tell where to"));
+    CHECK_THAT(monitor.reason(), Catch::Matchers::ContainsSubstring("too far to estimate where to"));
     CHECK(monitor.misalignment()->sigma()[3] == Approx(2 * StencilStep{}.translation_m));
   }
 }
 
 TEST_CASE("an extrinsic that is not the best of its neighbours is never called calibrated") {
   Vehicle vehicle(13);
-  vehicle.peak = 0;
+  vehicle.prominence = 0;
   DriftMonitor monitor({});
   for (int pair = 0; pair < 200; ++pair) {
     vehicle.drive(monitor, 1);
     REQUIRE(monitor.verdict() != DriftVerdict::calibrated);
   }
-  CHECK(monitor.verdict() == DriftVerdict::blind);
-  CHECK_THAT(monitor.reason(), Catch::Matchers::ContainsSubstring("even a large knock could go unnoticed"));
+  CHECK(monitor.verdict() == DriftVerdict::insufficient_power);
+  CHECK_THAT(monitor.reason(), Catch::Matchers::ContainsSubstring("even a large displacement could go unnoticed"));
 }
 
 TEST_CASE("the noise of the evidence decides which shift would be noticed") {
   Vehicle vehicle(11);
   DriftMonitor monitor({});
-  CHECK(std::isinf(monitor.noticeable_shift(0)));
+  CHECK(std::isinf(monitor.detection_limit(0)));
   vehicle.drive(monitor, 100);
   for (int axis = 0; axis < 6; ++axis) {
-    const double shift = monitor.noticeable_shift(axis) / StencilStep{}.of_axis(axis);
+    const double shift = monitor.detection_limit(axis) / StencilStep{}.of_axis(axis);
     CHECK(shift > 0.5 * Vehicle::noise);
     CHECK(shift < 3 * Vehicle::noise);
     DriftMonitor of_it = monitor;
@@ -278,7 +277,7 @@ TEST_CASE("the noise of the evidence decides which shift would be noticed") {
   }
 }
 
-TEST_CASE("a shift along one axis that shows in two is told from one along the other") {
+TEST_CASE("a shift along one axis that changes the slopes of two is attributed to that axis") {
   for (const auto& [moved, other] : {std::pair{2, 4}, std::pair{4, 2}}) {
     Vehicle vehicle(12);
     DriftMonitor monitor({});
@@ -289,7 +288,7 @@ TEST_CASE("a shift along one axis that shows in two is told from one along the o
         evidence.slope[2] += 0.6 * 0.02 / StencilStep{}.of_axis(2) * vehicle.offset[4];
         evidence.slope[4] += 0.6 * 0.02 / StencilStep{}.of_axis(4) * vehicle.offset[2];
         const double coupling = 0.6 * 0.02 / StencilStep{}.of_axis(2) / StencilStep{}.of_axis(4);
-        (*evidence.response)(2, 4) = (*evidence.response)(4, 2) = coupling;
+        (*evidence.sensitivity)(2, 4) = (*evidence.sensitivity)(4, 2) = coupling;
         monitor.observe(evidence);
       }
     };
@@ -310,7 +309,7 @@ TEST_CASE("before the first pair there is no verdict, no estimate and no sign of
   CHECK_FALSE(monitor.onset());
   CHECK_THAT(monitor.reason(), Catch::Matchers::ContainsSubstring("0 of 20"));
   CHECK(DriftBaseline{}.spread(0) == 0);
-  CHECK(monitor.wants_response());
+  CHECK(monitor.wants_sensitivity());
 }
 
 TEST_CASE("on frames of a street the evidence leans to the side to which the LiDAR was knocked") {
@@ -364,7 +363,7 @@ TEST_CASE("the response foretells what the slopes become when the LiDAR moves") 
       const FeatureSet frame = drive.features(i);
       const RigidTransform& T = drive.T_camera_lidar();
       before += axis_evidence(evaluate_stencil(frame, T), {}).slope;
-      foretold += evaluate_response(frame, T).col(axis) * shift;
+      foretold += evaluate_sensitivity(frame, T).col(axis) * shift;
       const FeatureSet moved = drive.features(i, perturbation(Vector6::Unit(axis) * shift));
       after += axis_evidence(evaluate_stencil(moved, T), {}).slope;
     }

@@ -7,8 +7,8 @@
 
 namespace calib::test {
 
-/// A vehicle whose objective is, for each axis, a hill with its top off the extrinsic by `offset` stencil steps, seen
-/// with normal noise of `noise` steps.
+/// A vehicle whose objective has, for each axis, a maximum that is off the extrinsic by `offset` stencil steps,
+/// measured with normal noise of `noise` steps.
 class Vehicle {
  public:
   static constexpr double noise = 0.1;
@@ -17,13 +17,13 @@ class Vehicle {
   explicit Vehicle(std::uint64_t seed) : random_(seed) {}
 
   AxisEvidence see() {
-    AxisEvidence evidence{.stamp = now += std::chrono::seconds(10), .score = 1.2, .response = Matrix6::Zero()};
-    evidence.peak = peak + peak_noise * random_.gaussian();
+    AxisEvidence evidence{.stamp = now += std::chrono::seconds(10), .score = 1.2, .sensitivity = Matrix6::Zero()};
+    evidence.prominence = prominence + prominence_noise * random_.gaussian();
     for (int axis = 0; axis < 6; ++axis) {
       const double h = StencilStep{}.of_axis(axis);
       error_[axis] = correlation * error_[axis] + std::sqrt(1 - correlation * correlation) * random_.gaussian();
       evidence.slope[axis] = hill / h * (offset[axis] + noise * error_[axis]);
-      (*evidence.response)(axis, axis) = hill / (h * h) * (1 + 0.3 * random_.gaussian());
+      (*evidence.sensitivity)(axis, axis) = hill / (h * h) * (1 + 0.3 * random_.gaussian());
     }
     return evidence;
   }
@@ -32,8 +32,8 @@ class Vehicle {
     return monitor.verdict();
   }
 
-  static constexpr double peak_noise = 0.005;
-  double peak = 0.02;  // by which the extrinsic stands above its neighbours
+  static constexpr double prominence_noise = 0.005;
+  double prominence = 0.02;  // by which the extrinsic stands above its neighbours
   Timestamp now{};
   double correlation = 0;  // of the noise of consecutive pairs
 

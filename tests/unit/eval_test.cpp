@@ -206,7 +206,7 @@ TEST_CASE("work is done once each, by any number of threads") {
     CHECK_THROWS_AS(parallel_for(100, threads, [](std::size_t) { throw std::bad_alloc(); }), std::bad_alloc);
 }
 
-TEST_CASE("axes that were not searched are neither sure nor observable") {
+TEST_CASE("axes that were not searched have no standard error and are not observable") {
   Experiment experiment{{}, {ended_at(0, 0)}, Best{}};
   experiment.best->uncertainty.observable.fill(true);
   const Json best = to_json(experiment)["best"];

@@ -136,7 +136,7 @@ TEST_CASE("with depth, an extrinsic that is right or has drifted by five degrees
   }
 }
 
-TEST_CASE("depth that says nothing names no reading of an extrinsic that is right") {
+TEST_CASE("depth without information does not contradict a correct extrinsic") {
   test::SimulatedDrive drive(5);
   DepthMap noise = drive.depth(1);
   vehicle::Random random(7);

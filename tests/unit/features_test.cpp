@@ -148,7 +148,7 @@ TEST_CASE("a frame of a 64-beam LiDAR and a 1242 x 375 camera is kept in less th
   CHECK(features.memory_bytes() > 2 * features.planes->packed.size() + 14 * features.x_m.size());
 }
 
-TEST_CASE("what a lens of any model sees is found where its grid looks") {
+TEST_CASE("the grid of a lens of any model covers what the lens sees") {
   // A wall, n . p = 1, seen by lenses from long to more than half of all around; what is known is the distance along a
   // ray.
   const Eigen::Vector3d n(0.05, 0.08, 0.1);

@@ -131,7 +131,7 @@ TEST_CASE("a drive that is not whole says what is wrong") {
     CHECK(drive->frame_name(0) == "0000000001");
     CHECK(drive->frame(0)->scan.points[1].x_m == 11);
   }
-  SECTION("images and scans that do not pair: counts and first names are told") {
+  SECTION("images and scans that do not pair: counts and first names are given") {
     fs::rename(written.drive / "velodyne_points/data/0000000000.bin", written.drive / "velodyne_points/data/7.bin");
     fs::rename(written.drive / "velodyne_points/data/0000000001.bin", written.drive / "velodyne_points/data/8.bin");
     const auto drive = open_kitti_raw(written.drive);

@@ -149,7 +149,7 @@ TEST_CASE("by tiles a monotone change of the depth that differs from tile to til
   CHECK(at_truth(bad, FeaturePair::depth) < at_truth(good, FeaturePair::depth) - 0.01);
 }
 
-TEST_CASE("an objective is the weighted mean of its terms, and a term without features says nothing") {
+TEST_CASE("an objective is the weighted mean of its terms, and a term without features carries no information") {
   test::SimulatedDrive drive(44);
   FeatureSet frame = drive.features(0);
   const RigidTransform& T = drive.T_camera_lidar();

@@ -106,7 +106,7 @@ TEST_CASE("an empty buffer gives no pair") {
   CHECK_FALSE(PairBuffer(1s, {.right_image = true}).take());
 }
 
-TEST_CASE("depth belongs to the image of its own moment, and is told when it is missing") {
+TEST_CASE("depth is paired with the image of its own stamp; missing depth is named") {
   const auto says = [](const PairBuffer& buffer, const char* word) {
     CHECK(buffer.why_none().code == "depth_missing");
     CHECK_THAT(buffer.why_none().context, Catch::Matchers::ContainsSubstring(word));

@@ -23,7 +23,7 @@ FramePair pair_of(const std::function<int(int, int)>& grey, std::size_t points =
   return pair;
 }
 
-/// Blocks of chance brightness: a street as far as these checks can tell.
+/// Blocks of chance brightness: enough of a street for these checks.
 int street(int u, int v) { return 60 + static_cast<int>(vehicle::mix(u / 12, v / 12) % 120); }
 
 std::string refusal(const FramePair& pair, const SceneThumbnail* last = nullptr) {
@@ -56,7 +56,7 @@ TEST_CASE("every refusal names the value and its limit") {
              Catch::Matchers::ContainsSubstring("7.00") && Catch::Matchers::ContainsSubstring("20.00"));
 }
 
-TEST_CASE("a vehicle that turns too far between image and scan is told by both, and only where it is known") {
+TEST_CASE("a pair is refused when the vehicle turns too far between image and scan, where its turn rate is known") {
   using namespace std::chrono_literals;
   constexpr double deg = radians_per_degree;
   FramePair pair = pair_of(street);
@@ -81,7 +81,7 @@ TEST_CASE("a vehicle that turns too far between image and scan is told by both, 
   CHECK(refusal(pair).empty());
 }
 
-TEST_CASE("a vehicle that stands is told from one that moves, whatever the noise, whichever came first") {
+TEST_CASE("a standing vehicle is distinguished from a moving one, whatever the noise and the order") {
   const FramePair here = pair_of(street);
   const FramePair noisy =
       pair_of([](int u, int v) { return street(u, v) + static_cast<int>(vehicle::mix(u, v) % 21) - 10; });

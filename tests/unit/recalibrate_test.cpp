@@ -195,22 +195,22 @@ TEST_CASE("what contradicts the evidence of drift is refused, and beyond its rea
   }
 }
 
-TEST_CASE("depth that looks elsewhere does not take the LiDAR along where reflectance knows better") {
+TEST_CASE("a rotated depth map does not move the extrinsic where reflectance contradicts it") {
   const auto nowhere = [](int) { return RigidTransform::Identity(); };
-  const Recalibration told = spoilt_drive(nowhere, turn_depth).search();
-  INFO(told.delta.transpose() << told.reason);
-  CHECK_FALSE(told.accepted);
-  CHECK_THAT(told.reason, Catch::Matchers::StartsWith("intensity contradicts"));
-  const Recalibration untold = spoilt_drive(nowhere, turn_depth_without_reflectance).search();
-  INFO(untold.reason);
-  CHECK(untold.accepted);  // nothing else in the pairs could tell
+  const Recalibration with_reflectance = spoilt_drive(nowhere, turn_depth).search();
+  INFO(with_reflectance.delta.transpose() << with_reflectance.reason);
+  CHECK_FALSE(with_reflectance.accepted);
+  CHECK_THAT(with_reflectance.reason, Catch::Matchers::StartsWith("intensity contradicts"));
+  const Recalibration without_reflectance = spoilt_drive(nowhere, turn_depth_without_reflectance).search();
+  INFO(without_reflectance.reason);
+  CHECK(without_reflectance.accepted);  // nothing else in the pairs contradicts it
 }
 
-TEST_CASE("a LiDAR put right scores as was normal; depth that has gone wrong does not") {
+TEST_CASE("correcting a displaced LiDAR restores the baseline score; a failed depth source does not") {
   const auto moved = [](int) { return test::knock(0, 0.5, -1); };
   const Drive before = spoilt_drive([](int) { return RigidTransform::Identity(); }, leave_alone),
               knocked = spoilt_drive(moved, leave_alone), gone_wrong = spoilt_drive(moved, bias_depth);
-  NormalScore normal{.objective = depth_objective, .mean = 0, .deviation = 0.01, .pairs = fitted + held};
+  BaselineScore normal{.objective = depth_objective, .mean = 0, .deviation = 0.01, .pairs = fitted + held};
   normal.mean = mean_score(test::pointers(before.frames), before.start, depth_objective).value;
   const Recalibration right = knocked.search({.bounds = {}, .baseline_score = normal});
   INFO(right.reason);
@@ -228,7 +228,7 @@ TEST_CASE("an optimum that not every half of the pairs has is a false one") {
   CHECK_THAT(result.reason, Catch::Matchers::StartsWith("a false optimum"));
 }
 
-TEST_CASE("axes of which the pairs tell nothing are left as they are, and the result says which") {
+TEST_CASE("unobservable axes are not moved, and the result names them") {
   const test::AdversePlace field(test::PlaceKind::field, 5, fitted + held);
   Drive drive(RigidTransform::Identity(), 63, 0);
   drive.start = field.rig().T_camera_lidar;

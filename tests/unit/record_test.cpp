@@ -48,14 +48,14 @@ CalibrationRecord baseline_record() {
                                                 .slope = Vector6::Constant(-0.5),
                                                 .slope_covariance = 2 * Matrix6::Identity(),
                                                 .slope_correlation = Vector6::Constant(0.25),
-                                                .response = 8 * Matrix6::Identity(),
-                                                .response_deviation = Vector6::Constant(1.5),
-                                                .peak = 0.25,
-                                                .peak_deviation = 0.0625,
-                                                .peak_correlation = 0.5,
+                                                .sensitivity = 8 * Matrix6::Identity(),
+                                                .sensitivity_deviation = Vector6::Constant(1.5),
+                                                .prominence = 0.25,
+                                                .prominence_deviation = 0.0625,
+                                                .prominence_correlation = 0.5,
                                                 .score = 1.25,
                                                 .score_deviation = 0.125};
-  record.baseline->response(0, 1) = 3;  // not symmetric
+  record.baseline->sensitivity(0, 1) = 3;  // not symmetric
   return record;
 }
 
@@ -132,8 +132,8 @@ TEST_CASE("a baseline is a field of its record alone, matrices by rows") {
                                      R"(,"slope_correlation":[0.25,)"));
   CHECK_THAT(text, ContainsSubstring(R"("decision":"baseline")"));
   const CalibrationRecord read = require_ok(parse_record(text));
-  CHECK(read.baseline->response(0, 1) == 3);
-  CHECK(read.baseline->response(1, 0) == 0);
+  CHECK(read.baseline->sensitivity(0, 1) == 3);
+  CHECK(read.baseline->sensitivity(1, 0) == 0);
   for (const std::string& bad : {
            replaced(text, R"("decision":"baseline")", R"("decision":"accepted")"),
            replaced(text, R"("pairs":20)", R"("pairs":1)"),
@@ -191,13 +191,13 @@ TEST_CASE("any record comes back from its canonical bytes") {
       CHECK(read.baseline->slope == record.baseline->slope);
       CHECK(read.baseline->slope_covariance == record.baseline->slope_covariance);
       CHECK(read.baseline->slope_correlation == record.baseline->slope_correlation);
-      CHECK(read.baseline->response == record.baseline->response);
-      CHECK(read.baseline->response_deviation == record.baseline->response_deviation);
+      CHECK(read.baseline->sensitivity == record.baseline->sensitivity);
+      CHECK(read.baseline->sensitivity_deviation == record.baseline->sensitivity_deviation);
       CHECK(read.baseline->score == record.baseline->score);
       CHECK(read.baseline->score_deviation == record.baseline->score_deviation);
-      CHECK(read.baseline->peak == record.baseline->peak);
-      CHECK(read.baseline->peak_deviation == record.baseline->peak_deviation);
-      CHECK(read.baseline->peak_correlation == record.baseline->peak_correlation);
+      CHECK(read.baseline->prominence == record.baseline->prominence);
+      CHECK(read.baseline->prominence_deviation == record.baseline->prominence_deviation);
+      CHECK(read.baseline->prominence_correlation == record.baseline->prominence_correlation);
     }
     CHECK(read.frame_stamps_ns == record.frame_stamps_ns);
     CHECK(read.configuration_sha256 == record.configuration_sha256);
@@ -278,7 +278,7 @@ TEST_CASE("a record that could not be read back is not signed") {
   CHECK(refused([](auto& r) { r.baseline = baseline_record().baseline; }));
   CHECK(refused([](auto& r) {
     r = baseline_record();
-    r.baseline->response(3, 4) = std::nan("");
+    r.baseline->sensitivity(3, 4) = std::nan("");
   }));
   CHECK(refused([](auto& r) { r.previous_sha256.clear(); }));
   CHECK(refused([](auto& r) { r.software_sha256 = "unknown"; }));

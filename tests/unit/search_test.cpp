@@ -61,7 +61,7 @@ TEST_CASE("methods have names, and an unknown one is refused with those there ar
 TEST_CASE("the rotation is found from twenty degrees and from any orientation at all") {
   const Street street(71, 6, {.bounds = {.rotation_rad = 2}}, false, all_around);
   SearchSettings settings{.bounds = {.rotation_rad = 26 * radians_per_degree, .translation_m = 0.1},
-                          .released = rotation_only};
+                          .free_axes = rotation_only};
   for (const auto& knock : {test::knock(0, 0, 2), test::knock(-3, 8, -5), test::knock(12, -11, -12)}) {
     const auto found = test::require_ok(search(street.frames, street.truth() * knock, Method::standard, settings));
     CHECK(street.error_deg(found.T_camera_lidar) < 0.1);
@@ -86,7 +86,7 @@ TEST_CASE("all six are found, and only what is released moves") {
 
   const RigidTransform T_yawed = street.truth() * test::knock(0, 0, 1.5);
   const auto yaw = test::require_ok(search(street.frames, T_yawed, Method::standard,
-                                           {.bounds = {}, .released = {false, false, true, false, false, false}}));
+                                           {.bounds = {}, .free_axes = {false, false, true, false, false, false}}));
   CHECK(street.error_deg(yaw.T_camera_lidar) < 0.1);
   for (const int axis : {0, 1, 3, 4, 5}) CHECK(std::abs(yaw.delta[axis]) < 1e-12);
 }
@@ -94,7 +94,7 @@ TEST_CASE("all six are found, and only what is released moves") {
 TEST_CASE("nothing leaves the bounds, and the result says where it ended") {
   const Street street(73, 4);
   const SearchSettings narrow{.bounds = {.rotation_rad = radians_per_degree, .translation_m = 0.1},
-                              .released = rotation_only};
+                              .free_axes = rotation_only};
   const auto found =
       test::require_ok(search(street.frames, street.truth() * test::knock(0, 0, 2), Method::standard, narrow));
   CHECK(found.ends_at_limit);
@@ -111,20 +111,20 @@ TEST_CASE("depth that is biased across the image moves the rotation little, and 
   const Street street(74, 8, {}, biased);
   const RigidTransform T = street.truth() * test::knock(1, 0.5, -1);
   const auto rotation =
-      test::require_ok(search(street.frames, T, Method::standard, {.bounds = {}, .released = rotation_only}));
+      test::require_ok(search(street.frames, T, Method::standard, {.bounds = {}, .free_axes = rotation_only}));
   CHECK(street.error_deg(rotation.T_camera_lidar) < 0.15);
   const auto all = test::require_ok(search(street.frames, T, Method::standard));
   if (!biased) CHECK_FALSE(all.depth_is_biased);
   CHECK(street.error_deg(all.T_camera_lidar) < 0.3);
 }
 
-TEST_CASE("the published methods climb their own hill, from near it") {
+TEST_CASE("the published methods find their own maximum from a start near it") {
   const Street street(75, 6, {.baselines = true});
   const RigidTransform T = street.truth() * test::knock(0, 0, 0.6);
   for (const Method method : {Method::d2d, Method::i2i, Method::i2i_nmi}) {
     const auto found = test::require_ok(
         search(street.frames, T, method,
-               {.bounds = {.rotation_rad = 2 * radians_per_degree, .translation_m = 0.1}, .released = rotation_only}));
+               {.bounds = {.rotation_rad = 2 * radians_per_degree, .translation_m = 0.1}, .free_axes = rotation_only}));
     CHECK(found.score_after > found.score_before);
     CHECK(found.evaluations < 400);
     if (method == Method::d2d) CHECK(street.error_deg(found.T_camera_lidar) < 0.5);
@@ -144,21 +144,20 @@ TEST_CASE("the same search ends the same to the last bit") {
 TEST_CASE("no frame, no axis and what is no number are refused") {
   const Street street(77, 2);
   CHECK(search({}, street.truth(), Method::standard).error().code == "too_few_pairs");
-  CHECK(search(street.frames, street.truth(), Method::standard, {.bounds = {}, .released = {}}).error().code ==
+  CHECK(search(street.frames, street.truth(), Method::standard, {.bounds = {}, .free_axes = {}}).error().code ==
         "search_failed");
-  const SearchSettings half{.bounds = {}, .any_orientation = true, .released = {true, false, true}};
+  const SearchSettings half{.bounds = {}, .any_orientation = true, .free_axes = {true, false, true}};
   CHECK(search(street.frames, street.truth(), Method::standard, half).error().code == "search_failed");
   RigidTransform not_a_number = street.truth();
   not_a_number.translation().setConstant(std::numeric_limits<double>::quiet_NaN());
   CHECK_FALSE(search(street.frames, not_a_number, Method::standard));
 }
 
-TEST_CASE(
-    "uncertainty is that of the frames: it covers the error, shrinks with more of them, and knows no hill in noise") {
+TEST_CASE("the uncertainty covers the error, shrinks with more frames, and finds no maximum in noise") {
   const Street street(78, 16);
   const Frames all = street.frames;
   const Objective objective = final_objective(Method::standard, rotation_only);
-  const SearchSettings settings{.bounds = {}, .released = rotation_only};
+  const SearchSettings settings{.bounds = {}, .free_axes = rotation_only};
   const auto found = test::require_ok(search(all, street.truth(), Method::standard, settings));
   const Uncertainty of_all = uncertainty(all, found.T_camera_lidar, objective, settings);
   const Uncertainty of_four = uncertainty(all.first(4), found.T_camera_lidar, objective, settings);
@@ -174,7 +173,7 @@ TEST_CASE(
   CHECK(of_all.covariance.isApprox(of_all.covariance.transpose()));
   CHECK(of_all.sigma().tail<3>().isZero());
 
-  // Depth of another place tells nothing of any axis.
+  // Depth of another scene carries no information about any axis.
   std::vector<FeatureSet> wrong = street.sets;
   for (std::size_t i = 0; i < wrong.size(); ++i) wrong[i].planes = street.sets[(i + 7) % wrong.size()].planes;
   const Uncertainty of_wrong = uncertainty(test::pointers(wrong), street.truth(), objective, settings);

@@ -40,8 +40,8 @@ PairStatus random_pair(std::mt19937& random) {
   if (maybe()) pair.score = {unit(random), unit(random), maybe() ? std::optional(unit(random)) : std::nullopt};
   if (maybe()) pair.misalignment = PairStatus::Misalignment{vector6(), vector6()};
   if (maybe()) {
-    pair.noticeable = vector6().cwiseAbs();
-    for (double& shift : *pair.noticeable)
+    pair.detection_limit = vector6().cwiseAbs();
+    for (double& shift : *pair.detection_limit)
       if (maybe()) shift = std::numeric_limits<double>::infinity();
   }
   pair.T_camera_lidar = random_transform(random);
@@ -110,14 +110,14 @@ TEST_CASE("angles are in degrees and the ways of a misalignment in centimetres")
   CHECK(pair["T_camera_lidar"]["quaternion_xyzw"] == json{0.0, 0.0, 0.0, 1.0});
 }
 
-TEST_CASE("each axis says in words how far the LiDAR went, how sure that is, and whether it would show at all") {
+TEST_CASE("each axis states the motion of the LiDAR, its standard deviation, and whether it is observable") {
   Status status;
   PairStatus& pair = status.pairs.emplace_back();
   pair.misalignment.emplace();
   pair.misalignment->delta << -0.25 * radians_per_degree, 0, 0.62 * radians_per_degree, 0.031, -0.02, 0.0004;
   pair.misalignment->sigma << Eigen::Vector3d::Constant(0.05 * radians_per_degree), Eigen::Vector3d::Constant(0.012);
-  pair.noticeable.emplace(Vector6::Constant(0.002));
-  (*pair.noticeable)[4] = std::numeric_limits<double>::infinity();
+  pair.detection_limit.emplace(Vector6::Constant(0.002));
+  (*pair.detection_limit)[4] = std::numeric_limits<double>::infinity();
   const json shown = to_json(status)["pairs"][0];
   CHECK(shown["axes"]["roll"] == "0.25 degrees left side down, sigma 0.05");
   CHECK(shown["axes"]["pitch"] == "0.00 degrees, sigma 0.05");
@@ -125,21 +125,22 @@ TEST_CASE("each axis says in words how far the LiDAR went, how sure that is, and
   CHECK(shown["axes"]["x"] == "3.1 cm forward, sigma 1.2");
   CHECK(shown["axes"]["y"] == "not observable");
   CHECK(shown["axes"]["z"] == "0.0 cm, sigma 1.2");
-  CHECK(shown["noticeable"]["rotation_deg"][0].get<double>() == Approx(0.002 / radians_per_degree));
-  CHECK(shown["noticeable"]["translation_cm"][0].get<double>() == Approx(0.2));
-  CHECK(shown["noticeable"]["translation_cm"][1].is_null());
+  CHECK(shown["detection_limit"]["rotation_deg"][0].get<double>() == Approx(0.002 / radians_per_degree));
+  CHECK(shown["detection_limit"]["translation_cm"][0].get<double>() == Approx(0.2));
+  CHECK(shown["detection_limit"]["translation_cm"][1].is_null());
   // A snapshot of a calibd that did not say so yet.
   json earlier = to_json(status);
-  earlier["pairs"][0].erase("noticeable");
+  earlier["pairs"][0].erase("detection_limit");
   earlier["pairs"][0].erase("axes");
-  CHECK_FALSE(require_ok(parse_status(earlier)).pairs[0].noticeable);
+  CHECK_FALSE(require_ok(parse_status(earlier)).pairs[0].detection_limit);
 }
 
 TEST_CASE("what is not known is null, never zero") {
   Status status;
   status.pairs.emplace_back();
   const json pair = to_json(status)["pairs"][0];
-  for (const char* field : {"last_evaluated", "score", "misalignment", "axes", "noticeable", "proposed", "record"}) {
+  for (const char* field :
+       {"last_evaluated", "score", "misalignment", "axes", "detection_limit", "proposed", "record"}) {
     INFO(field);
     CHECK(pair.at(field).is_null());
   }
@@ -176,7 +177,7 @@ TEST_CASE("a status with anything missing or of another kind is refused") {
   for (const auto& [path, value] : fields.items()) {
     if (path.find("right_image") != std::string::npos || path.find("/depth") != std::string::npos ||
         path.find("/motion") != std::string::npos || path.find("/skipped/") != std::string::npos ||
-        path.find("/axes") != std::string::npos || path.find("/noticeable") != std::string::npos ||
+        path.find("/axes") != std::string::npos || path.find("/detection_limit") != std::string::npos ||
         path == "/pairs/0/evidence" || path.ends_with("/not_written") || path == "/records/missing")
       continue;
     INFO(path);

@@ -65,7 +65,7 @@ TEST_CASE("a LiDAR that measures late sees what one in time sees then, and the c
   CHECK_FALSE(same(pair.scan, test::require_ok(in_time.frame(6, 1.5, still)).scan));
 }
 
-TEST_CASE("a vehicle that weaves tells how it turns") {
+TEST_CASE("a vehicle that weaves publishes its turn rate") {
   Simulation weaving = small(21);
   weaving.weave_rad = 10 * radians_per_degree;
   const auto straight = test::require_ok(simulated_vehicle(small(21))),

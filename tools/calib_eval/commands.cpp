@@ -44,7 +44,7 @@ Result<Landscape> look(const RecordingOptions& recording_options, const Landscap
   return Landscape{*std::move(recording_frames), *std::move(features)};
 }
 
-std::array<bool, 6> released(int degrees_of_freedom) { return Cell{{}, degrees_of_freedom, {}}.released(); }
+std::array<bool, 6> free_axes(int degrees_of_freedom) { return Cell{{}, degrees_of_freedom, {}}.free_axes(); }
 
 /// Made before hours of work, and found out then whether it can be written into.
 Result<void> make_folder(const std::filesystem::path& folder) {
@@ -120,7 +120,7 @@ Result<void> curves(const RecordingOptions& recording_options, const LandscapeOp
   result["curves"] = Json::array();
   std::cout << frames_line(recording_frames) << '\n';
   for (const Method method : options.methods) {
-    const Objective objective = final_objective(method, released(options.degrees_of_freedom));
+    const Objective objective = final_objective(method, free_axes(options.degrees_of_freedom));
     std::cout << to_string(method) << " scores best at";
     for (int axis = 0; axis < 6; ++axis) {
       const Curve along =
@@ -145,7 +145,7 @@ Result<void> surfaces(const RecordingOptions& recording_options, const Landscape
   result["surfaces"] = Json::array();
   Progress progress("surfaces", options.methods.size() * options.axis_pairs.size());
   for (const Method method : options.methods) {
-    const Objective objective = final_objective(method, released(options.degrees_of_freedom));
+    const Objective objective = final_objective(method, free_axes(options.degrees_of_freedom));
     for (const auto& axes : options.axis_pairs) {
       const Surface over =
           surface(frames, recording_frames.T_camera_lidar, objective, axes, options.around, recording_options.threads);

@@ -63,7 +63,7 @@ struct DriftOptions {
   double driving_hours_per_week = 56;
   double false_alerts_per_1000_vehicle_weeks = 1;
   std::optional<int> block;
-  bool depth_is_guessed = false;  // from one image, by a network, whoever wrote the files; that of onnx: always is
+  bool monocular_depth = false;  // from one image, by a network, whoever wrote the files; that of onnx: always is
   std::filesystem::path json;
 };
 inline constexpr int usual_drift_frames = 96;

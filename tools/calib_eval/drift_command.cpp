@@ -57,8 +57,8 @@ std::vector<Plan> plans_of(const RecordingOptions& recording_frames, const Drift
   return plans;
 }
 
-bool depth_is_guessed(const RecordingOptions& recording_frames, const DriftOptions& options) {
-  return options.depth_is_guessed || recording_frames.depth.starts_with("onnx:");
+bool monocular_depth(const RecordingOptions& recording_frames, const DriftOptions& options) {
+  return options.monocular_depth || recording_frames.depth.starts_with("onnx:");
 }
 
 SequenceSettings settings_for(const RecordingOptions& recording_frames, const DriftOptions& options,
@@ -69,7 +69,7 @@ SequenceSettings settings_for(const RecordingOptions& recording_frames, const Dr
   settings.driving_hours_per_week = options.driving_hours_per_week;
   settings.seed = recording_frames.seed;
   settings.threads = recording_frames.threads;
-  settings.drift = usual_drift_settings(depth_is_guessed(recording_frames, options));
+  settings.drift = usual_drift_settings(monocular_depth(recording_frames, options));
   settings.drift.false_alarms_per_pair =
       options.false_alerts_per_1000_vehicle_weeks / (1000 * settings.pairs_per_week());
   return settings;
@@ -143,7 +143,7 @@ Json describe_settings(const Study& study) {
           {"pairs", pairs_of(study.recording_frames, study.options)},
           {"baseline_pairs", settings.drift.baseline_pairs},
           {"max_baseline_pairs", settings.drift.max_baseline_pairs},
-          {"depth_is_guessed", depth_is_guessed(study.recording_frames, study.options)}};
+          {"monocular_depth", monocular_depth(study.recording_frames, study.options)}};
 }
 
 /// Blocks are drawn from among others: of one alone, all sequences are the same.
@@ -163,7 +163,7 @@ Result<Study> study_of(const RecordingOptions& recording_options, const DriftOpt
   std::vector<LadderPlan> ladders;
   for (const Plan& plan : study.plans) ladders.push_back(plan.ladder);
   Progress progress("evidence", places_of(ladders) * recording_frames.frames.size());
-  auto evidence = measure(recording_frames, ladders, drift_objective(depth_is_guessed(recording_options, options)),
+  auto evidence = measure(recording_frames, ladders, drift_objective(monocular_depth(recording_options, options)),
                           recording_options.threads, [&] { progress.step(); });
   if (!evidence) return propagate(evidence);
   study.evidence = *std::move(evidence);

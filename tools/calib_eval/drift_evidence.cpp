@@ -16,8 +16,8 @@ AxisEvidence Ladder::at(double offset, std::size_t frame) const {
   const AxisEvidence& above = rungs[below + 1][frame];
   between.slope += share * (above.slope - between.slope);
   between.score += share * (above.score - between.score);
-  between.peak += share * (above.peak - between.peak);
-  *between.response += share * (*above.response - *between.response);
+  between.prominence += share * (above.prominence - between.prominence);
+  *between.sensitivity += share * (*above.sensitivity - *between.sensitivity);
   return between;
 }
 
@@ -71,7 +71,7 @@ Result<DriftEvidence> measure(const RecordingFrames& recording_frames, const std
     const RigidTransform in_force = recording_frames.T_camera_lidar * perturbation(place.moved).inverse();
     AxisEvidence& found = (*place.found)[i % features->size()];
     found = axis_evidence(evaluate_stencil(frame, in_force, {}, objective), {});
-    found.response = evaluate_response(frame, in_force, {}, objective);
+    found.sensitivity = evaluate_sensitivity(frame, in_force, {}, objective);
     done();
   });
   for (Ladder& ladder : evidence.ladders) ladder.rungs[0] = evidence.still;

@@ -28,8 +28,8 @@ const char* name_of(DriftVerdict verdict) {
   switch (verdict) {
     case DriftVerdict::learning:
       return "learning";
-    case DriftVerdict::blind:
-      return "blind";
+    case DriftVerdict::insufficient_power:
+      return "insufficient_power";
     case DriftVerdict::calibrated:
       return "calibrated";
     case DriftVerdict::suspect:
@@ -47,15 +47,15 @@ std::string pairs_text(const std::optional<int>& pairs) { return pairs ? fmt::fo
 std::optional<DetectionPower> detection_power(const std::vector<AxisEvidence>& still,
                                               const SequenceSettings& settings) {
   constexpr int vehicles = 101;
-  std::array<std::vector<double>, 6> sigmas, noticeable;
+  std::array<std::vector<double>, 6> sigmas, detection_limit;
   for (int vehicle = 0; vehicle < vehicles; ++vehicle) {
     const auto monitor = experienced_monitor(still, settings, vehicle);
     if (!monitor) continue;
     const DriftBaseline& baseline = monitor->state().baseline;
     for (int axis = 0; axis < 6; ++axis) {
       const bool seen = baseline.observable(axis);
-      sigmas[axis].push_back(seen ? baseline.spread(axis) / std::abs(baseline.response(axis, axis)) : INFINITY);
-      noticeable[axis].push_back(monitor->noticeable_shift(axis));
+      sigmas[axis].push_back(seen ? baseline.spread(axis) / std::abs(baseline.sensitivity(axis, axis)) : INFINITY);
+      detection_limit[axis].push_back(monitor->detection_limit(axis));
     }
   }
   if (sigmas[0].empty()) return std::nullopt;
@@ -64,7 +64,8 @@ std::optional<DetectionPower> detection_power(const std::vector<AxisEvidence>& s
     return value && std::isfinite(*value) ? std::optional(shown(axis, *value)) : std::nullopt;
   };
   for (int axis = 0; axis < 6; ++axis)
-    detection_power[axis] = {finite(axis, quantile(sigmas[axis], 0.5)), finite(axis, quantile(noticeable[axis], 0.5))};
+    detection_power[axis] = {finite(axis, quantile(sigmas[axis], 0.5)),
+                             finite(axis, quantile(detection_limit[axis], 0.5))};
   return detection_power;
 }
 
@@ -111,7 +112,7 @@ Json to_json(const NullRun& run) {
           {"false_alarms_from_start", run.from_start},
           {"false_suspects", run.false_suspects},
           {"pairs_learning", run.learning},
-          {"pairs_blind", run.blind}};
+          {"pairs_without_power", run.insufficient_power}};
 }
 
 Json to_json(const MovedRuns& runs, bool with_delays) {
@@ -156,7 +157,7 @@ Json to_json(const std::optional<DetectionPower>& detection_power) {
     axes.push_back({{"axis", axis_names[axis]},
                     {"unit", unit_of(axis)},
                     {"sigma_of_pair", or_null((*detection_power)[axis].sigma_of_pair)},
-                    {"noticeable", or_null((*detection_power)[axis].noticeable)}});
+                    {"detection_limit", or_null((*detection_power)[axis].detection_limit)}});
   return axes;
 }
 
@@ -177,7 +178,7 @@ std::string to_text(const std::optional<DetectionPower>& detection_power) {
   for (int axis = 0; axis < 6; ++axis)
     lines += fmt::format("{:<6}  {:>16}  {:>17}\n", std::string(axis_names[axis]),
                          value((*detection_power)[axis].sigma_of_pair, axis),
-                         value((*detection_power)[axis].noticeable, axis));
+                         value((*detection_power)[axis].detection_limit, axis));
   return lines;
 }
 
@@ -186,7 +187,7 @@ std::string to_text(const NullRun& run) {
   std::string lines =
       fmt::format("LiDAR in its place: {} vehicles, {:.0f} vehicle-weeks, {:.3g} % of the pairs with a verdict\n",
                   static_cast<long long>(run.sequences), run.weeks,
-                  100 * judged / (judged + static_cast<double>(run.learning + run.blind)));
+                  100 * judged / (judged + static_cast<double>(run.learning + run.insufficient_power)));
   const auto upper = run.upper95_per_1000_weeks();
   if (!upper) return lines + "  no verdict at all: these frames let nothing be judged\n";
   lines += run.false_alarms == 0

@@ -34,11 +34,11 @@ class Journey {
     shown_.stamp += period_;
     shown_.slope = evidence.slope;
     shown_.score = evidence.score;
-    shown_.peak = evidence.peak;
-    if (monitor.wants_response())
-      shown_.response = evidence.response;
+    shown_.prominence = evidence.prominence;
+    if (monitor.wants_sensitivity())
+      shown_.sensitivity = evidence.sensitivity;
     else
-      shown_.response.reset();
+      shown_.sensitivity.reset();
     return monitor.observe(shown_).value();  // has a response where one is needed
   }
 
@@ -56,7 +56,7 @@ NullRun drive_one(const std::vector<AxisEvidence>& still, const SequenceSettings
   for (std::int64_t pair = 0; pair < pairs; ++pair) {
     const DriftVerdict verdict = journey.drive();
     run.learning += verdict == DriftVerdict::learning;
-    run.blind += verdict == DriftVerdict::blind;
+    run.insufficient_power += verdict == DriftVerdict::insufficient_power;
     run.false_suspects += verdict == DriftVerdict::suspect && before != DriftVerdict::suspect;
     before = verdict;
     if (verdict != DriftVerdict::drifted) continue;
@@ -65,7 +65,7 @@ NullRun drive_one(const std::vector<AxisEvidence>& still, const SequenceSettings
     journey.monitor.restart();
     before = DriftVerdict::learning;
   }
-  run.decisions = pairs - run.learning - run.blind;
+  run.decisions = pairs - run.learning - run.insufficient_power;
   return run;
 }
 
@@ -128,19 +128,19 @@ NullRun drive_without_drift(const std::vector<AxisEvidence>& still, const Sequen
     ++all.sequences;
     all.decisions += run.decisions;
     all.learning += run.learning;
-    all.blind += run.blind;
+    all.insufficient_power += run.insufficient_power;
     all.false_alarms += run.false_alarms;
     all.from_start += run.from_start;
     all.false_suspects += run.false_suspects;
   }
-  all.weeks = static_cast<double>(all.decisions + all.learning + all.blind) / settings.pairs_per_week();
+  all.weeks = static_cast<double>(all.decisions + all.learning + all.insufficient_power) / settings.pairs_per_week();
   return all;
 }
 
 std::optional<DriftMonitor> experienced_monitor(const std::vector<AxisEvidence>& still,
                                                 const SequenceSettings& settings, std::size_t number) {
   Journey journey(still, settings, vehicle::mix(settings.seed, null_frames, number));
-  for (int pair = 0; pair < patience_pairs && journey.monitor.wants_response(); ++pair)
+  for (int pair = 0; pair < patience_pairs && journey.monitor.wants_sensitivity(); ++pair)
     if (journey.drive() == DriftVerdict::drifted) journey.monitor.restart();
   return journey.monitor.learned() ? std::optional(std::move(journey.monitor)) : std::nullopt;
 }
@@ -161,7 +161,7 @@ MovedRun drive_with(const Movement& movement, const std::vector<AxisEvidence>& s
     left = journey.monitor.learned() ? left - 1 : peaceful + 1;
   }
   run.learned = true;
-  run.detectable = journey.monitor.noticeable_shift(axis) <= std::abs(movement.offset(pairs));
+  run.detectable = journey.monitor.detection_limit(axis) <= std::abs(movement.offset(pairs));
   const auto error = [&](int pair) -> std::optional<double> {
     const auto estimate = journey.monitor.misalignment();
     if (!estimate) return std::nullopt;

@@ -43,7 +43,7 @@ struct NullRun {
   std::int64_t sequences = 0;
   /// Pairs on which there was a verdict; those of a baseline that is being learned, and those without a verdict because
   /// of insufficient detection power.
-  std::int64_t decisions = 0, learning = 0, blind = 0;
+  std::int64_t decisions = 0, learning = 0, insufficient_power = 0;
   /// Verdicts "drifted", and those of them before a baseline was learned; times that "calibrated" became "suspect".
   std::int64_t false_alarms = 0, from_start = 0, false_suspects = 0;
   double weeks = 0;  // of driving, with decisions and without: an alarm may end a time without detection power, too

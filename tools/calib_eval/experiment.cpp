@@ -17,7 +17,7 @@ double thread_seconds() {
 SearchSettings settings_for(const Cell& cell) {
   return {.bounds = search_bounds(cell.range),
           .any_orientation = cell.range.any_orientation(),
-          .released = cell.released()};
+          .free_axes = cell.free_axes()};
 }
 
 Spread spread_of(const std::vector<Vector6>& values) {

@@ -16,7 +16,7 @@ struct Cell {
   int degrees_of_freedom = 3;  // 3: roll, pitch, yaw; 6: all
   ErrorRange range;
 
-  [[nodiscard]] std::array<bool, 6> released() const {
+  [[nodiscard]] std::array<bool, 6> free_axes() const {
     const bool six = degrees_of_freedom == 6;
     return {true, true, true, six, six, six};
   }

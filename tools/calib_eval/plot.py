@@ -22,7 +22,7 @@ AXES = ["roll", "pitch", "yaw", "x", "y", "z"]
 HIT_DEG, HIT_CM = 0.5, 20
 GOOD, BAD, STARTS = "#0072b2", "#d55e00", "#8c8c8c"
 LINES = ["#0072b2", "#d55e00", "#009e73", "#cc79a7"]
-VERDICTS = {"learning": "#d9d9d9", "blind": "#d8cfe6", "calibrated": "#d5ecd4", "suspect": "#ffe3a8", "drifted": "#f6b5a0"}
+VERDICTS = {"learning": "#d9d9d9", "insufficient_power": "#d8cfe6", "calibrated": "#d5ecd4", "suspect": "#ffe3a8", "drifted": "#f6b5a0"}
 VIEW_TITLES = {"start": "Before", "end": "After", "truth": "Recording's own extrinsic"}
 
 

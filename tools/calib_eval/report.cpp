@@ -67,9 +67,9 @@ Json best_to_json(const Experiment& experiment) {
   const Run& run = experiment.runs[experiment.best->run];
   const Uncertainty& uncertainty = experiment.best->uncertainty;
   // Of the axes that were searched; of the others nothing is known.
-  const auto searched = [released = experiment.cell.released()](Json of_axes) {
-    for (std::size_t axis = 0; axis < released.size(); ++axis)
-      if (!released[axis]) of_axes[axis] = nullptr;
+  const auto searched = [free_axes = experiment.cell.free_axes()](Json of_axes) {
+    for (std::size_t axis = 0; axis < free_axes.size(); ++axis)
+      if (!free_axes[axis]) of_axes[axis] = nullptr;
     return of_axes;
   };
   const auto sigma = [&](const Matrix6& covariance) {
@@ -228,9 +228,9 @@ std::string table_line(const Experiment& experiment) {
 
 std::vector<std::string> remarks(const Experiment& experiment) {
   std::vector<std::string> remarks;
-  const auto released = experiment.cell.released();
+  const auto free_axes = experiment.cell.free_axes();
   for (std::size_t i = 0; i < axis_names.size() && experiment.best; ++i)
-    if (released[i] && !experiment.best->uncertainty.observable[i])
+    if (free_axes[i] && !experiment.best->uncertainty.observable[i])
       remarks.push_back(std::string(axis_names[i]) + " is not observable from these frames");
   const auto failed = std::ranges::find_if(experiment.runs, [](const Run& run) { return !run.result; });
   if (failed != experiment.runs.end())

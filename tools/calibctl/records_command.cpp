@@ -42,14 +42,14 @@ std::string score_words(double before, double after) {
 void baseline_lines(Text& text, const CalibrationRecord::Baseline& baseline) {
   text.line("Baseline", "of " + counted(baseline.pairs, "pair") + ", score " + decimals(baseline.score, 5) +
                             ", sigma " + decimals(baseline.score_deviation, 5) + ", above its neighbours by " +
-                            decimals(baseline.peak, 5) + ", sigma " + decimals(baseline.peak_deviation, 5));
+                            decimals(baseline.prominence, 5) + ", sigma " + decimals(baseline.prominence_deviation, 5));
   for (int axis = 0; axis < 6; ++axis) {
     const double unit = axis < 3 ? radians_per_degree : 0.01;
     text.line(axis_label(axis), "slope " + decimals(baseline.slope[axis] * unit, 5) + ", sigma " +
                                     decimals(std::sqrt(baseline.slope_covariance(axis, axis)) * unit, 5) + ", per " +
                                     (axis < 3 ? "degree" : "cm") + "; answers to a shift with " +
-                                    decimals(baseline.response(axis, axis) * unit * unit, 5) + ", sigma " +
-                                    decimals(baseline.response_deviation[axis] * unit * unit, 5));
+                                    decimals(baseline.sensitivity(axis, axis) * unit * unit, 5) + ", sigma " +
+                                    decimals(baseline.sensitivity_deviation[axis] * unit * unit, 5));
   }
 }
 

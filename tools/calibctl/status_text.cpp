@@ -80,8 +80,8 @@ void pair_lines(Text& text, const PairStatus& pair, const RecordCheck& check, Wa
     text.line("LiDAR has moved", "");
     for (int axis = 0; axis < 6; ++axis) {
       std::string words = axis_in_words(pair, axis);
-      if (pair.noticeable && std::isfinite((*pair.noticeable)[axis]))
-        words += "; noticed from " + amount_in_words(axis, (*pair.noticeable)[axis]);
+      if (pair.detection_limit && std::isfinite((*pair.detection_limit)[axis]))
+        words += "; detection limit " + amount_in_words(axis, (*pair.detection_limit)[axis]);
       text.line(axis_label(axis), words);
     }
   }

@@ -38,28 +38,28 @@ struct AxisEvidence {
   double score = 0;
   /// By how much the score exceeds the mean of its twelve neighbours. Where there is no maximum nearby the slopes
   /// vanish and so does the prominence, which shows the loss.
-  double peak = 0;
+  double prominence = 0;
   /// Change of the slopes (rows) when the LiDAR moves along each axis (columns), per rad and m. It takes a dozen
   /// stencils, so it is measured only for pairs from which a baseline is learned.
-  std::optional<Matrix6> response{};
+  std::optional<Matrix6> sensitivity{};
 };
 [[nodiscard]] AxisEvidence axis_evidence(const Stencil& stencil, Timestamp stamp, const StencilStep& step = {});
-[[nodiscard]] Matrix6 evaluate_response(const FeatureSet& frame, const RigidTransform& T_camera_lidar,
-                                        const StencilStep& step = {}, const Objective& objective = depth_objective);
+[[nodiscard]] Matrix6 evaluate_sensitivity(const FeatureSet& frame, const RigidTransform& T_camera_lidar,
+                                           const StencilStep& step = {}, const Objective& objective = depth_objective);
 
 /// The evidence that the accepted extrinsic gives in this vehicle's own scenes and with its own depth source: running
 /// moments (Welford 1962) over pairs taken while there was no evidence of drift.
 struct DriftBaseline {
   int pairs = 0;
-  Vector6 slope = Vector6::Zero();             // mean
-  Matrix6 slope_products = Matrix6::Zero();    // sum of products of deviations
-  Vector6 latest_slope = Vector6::Zero();      // of the pair added last
-  Vector6 lagged_products = Vector6::Zero();   // lag 1: sum of products of deviations of consecutive pairs
-  Matrix6 response = Matrix6::Zero();          // mean
-  Vector6 response_squares = Vector6::Zero();  // of its diagonal: sum of squared deviations
-  double peak = 0, peak_squares = 0;           // mean, sum of squared deviations
-  double latest_peak = 0, lagged_peaks = 0;    // as of slopes
-  double score = 0, score_squares = 0;         // mean, sum of squared deviations
+  Vector6 slope = Vector6::Zero();                     // mean
+  Matrix6 slope_products = Matrix6::Zero();            // sum of products of deviations
+  Vector6 latest_slope = Vector6::Zero();              // of the pair added last
+  Vector6 lag1_products = Vector6::Zero();             // lag 1: sum of products of deviations of consecutive pairs
+  Matrix6 sensitivity = Matrix6::Zero();               // mean
+  Vector6 sensitivity_squares = Vector6::Zero();       // of its diagonal: sum of squared deviations
+  double prominence = 0, prominence_squares = 0;       // mean, sum of squared deviations
+  double latest_prominence = 0, lag1_prominences = 0;  // as of slopes
+  double score = 0, score_squares = 0;                 // mean, sum of squared deviations
 
   /// `evidence` has a sensitivity.
   void add(const AxisEvidence& evidence);
@@ -67,7 +67,7 @@ struct DriftBaseline {
   /// correlated, and estimated high as long as it is of few pairs.
   [[nodiscard]] double spread(int axis) const;
   /// Likewise of the prominence.
-  [[nodiscard]] double peak_spread() const;
+  [[nodiscard]] double prominence_spread() const;
   /// Whether the scenes carry information about the axis: its mean sensitivity is significantly that of a maximum.
   [[nodiscard]] bool observable(int axis) const;
 };
@@ -84,7 +84,7 @@ struct DriftSettings {
   double negligible_translation_m = 0.02;
   /// Where the detection limit of a rotation exceeds this, there is no verdict. The detection limits of translations
   /// are only reported.
-  double must_notice_rotation_rad = 0.5 * radians_per_degree;
+  double must_detect_rotation_rad = 0.5 * radians_per_degree;
   /// A depth source shifts the optimum by a constant. While the baseline is learned, an offset within these limits is
   /// attributed to the depth source; a significantly larger one is misalignment from the start. Infinite: none is.
   double max_bias_rotation_rad = 0.35 * radians_per_degree;
@@ -93,11 +93,11 @@ struct DriftSettings {
 
 /// The defaults for a depth source. The bias of monocular depth may be larger before it is learned as the baseline, and
 /// moves the optimum's translation by decimetres.
-[[nodiscard]] DriftSettings usual_drift_settings(bool depth_is_guessed);
+[[nodiscard]] DriftSettings usual_drift_settings(bool monocular_depth);
 
-/// `learning`: there is no baseline yet and no evidence of misalignment. `blind`: there is one, and the detection limit
-/// of a rotation exceeds what must be detected.
-enum class DriftVerdict { learning, blind, calibrated, suspect, drifted };
+/// `learning`: there is no baseline yet and no evidence of misalignment. `insufficient_power`: there is one, and the
+/// detection limit of a rotation exceeds what must be detected.
+enum class DriftVerdict { learning, insufficient_power, calibrated, suspect, drifted };
 
 /// One value for each of two charts on the same sequence: `rapid` finds large shifts within a few pairs, `sensitive`
 /// finds small ones within many.
@@ -136,7 +136,7 @@ class DriftMonitor {
   explicit DriftMonitor(const DriftSettings& settings, DriftState state = {});
 
   /// Whether the next pair's evidence should have a sensitivity: the baseline is still being learned.
-  [[nodiscard]] bool wants_response() const { return state_.baseline.pairs < settings_.max_baseline_pairs; }
+  [[nodiscard]] bool wants_sensitivity() const { return state_.baseline.pairs < settings_.max_baseline_pairs; }
   /// Takes the evidence of one pair. Fails with `sensitivity_missing`, and takes nothing, while there is no baseline
   /// and `evidence` has no sensitivity.
   Result<DriftVerdict> observe(const AxisEvidence& evidence);
@@ -164,7 +164,7 @@ class DriftMonitor {
   [[nodiscard]] std::optional<Estimate> misalignment() const;
   /// The smallest shift along an axis (rad or m) that is detected within fifty pairs; infinite for an axis that is not
   /// observable, and without a baseline.
-  [[nodiscard]] double noticeable_shift(int axis) const;
+  [[nodiscard]] double detection_limit(int axis) const;
   /// Stamp of the pair where the evidence of drift begins; `Timestamp::min()` for an extrinsic wrong from the start.
   [[nodiscard]] std::optional<Timestamp> onset() const;
   /// The largest sum of an axis' charts, and of those of the loss of the maximum, as a share of its limit.

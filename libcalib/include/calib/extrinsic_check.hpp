@@ -40,9 +40,9 @@ struct ExtrinsicOpinion {
 /// upside down is plausible: no other reading sets it upright.
 ///
 /// Without `depth` a reading fits when it has the points in view and sets the camera upright, and the given one does
-/// not; the order of a quaternion cannot be told so. With `depth` that, too, must agree with the scan, and better than
-/// as given; then a wrong reading is found even where the given one has the points in view. `depth` is of the camera's
-/// size.
+/// not; the order of a quaternion cannot be judged so. With `depth` that, too, must agree with the scan, and better
+/// than as given; then a wrong reading is found even where the given one has the points in view. `depth` is of the
+/// camera's size.
 [[nodiscard]] ExtrinsicOpinion examine_extrinsic(const Camera& camera, const RigidTransform& T_camera_lidar,
                                                  const LidarScan& scan, const DepthMap* depth = nullptr);
 

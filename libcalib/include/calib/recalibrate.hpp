@@ -18,7 +18,7 @@ struct Expectation {
 
 /// The baseline of the score at the starting extrinsic, from before the drift: mean over `pairs` pairs, and standard
 /// deviation of one.
-struct NormalScore {
+struct BaselineScore {
   Objective objective;
   double mean = 0, deviation = 0;
   int pairs = 0;
@@ -38,7 +38,7 @@ struct RecalibrationSettings {
   /// The estimate of the drift monitor, where there is evidence of drift.
   std::optional<Expectation> expected = {};
   /// Nothing without a baseline, or where the extrinsic was wrong from the start.
-  std::optional<NormalScore> baseline_score = {};
+  std::optional<BaselineScore> baseline_score = {};
   /// As of `SearchSettings`.
   std::function<bool()> keep_going = {};
 };

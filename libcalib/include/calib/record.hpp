@@ -60,11 +60,11 @@ struct CalibrationRecord {
     Matrix6 slope_covariance = Matrix6::Zero();
     Vector6 slope_correlation = Vector6::Zero();  // of one pair's with the next one's
     /// Change of the slopes (rows) when the LiDAR moves along each axis (columns), per rad and m: mean, and standard
-    /// deviation of its diagonal between pairs. `response` in JSON.
-    Matrix6 response = Matrix6::Zero();
-    Vector6 response_deviation = Vector6::Zero();
-    /// By how much the score exceeds the mean of its twelve neighbours. `peak` in JSON.
-    double peak = 0, peak_deviation = 0, peak_correlation = 0;
+    /// deviation of its diagonal between pairs. `sensitivity` in JSON.
+    Matrix6 sensitivity = Matrix6::Zero();
+    Vector6 sensitivity_deviation = Vector6::Zero();
+    /// By how much the score exceeds the mean of its twelve neighbours. `prominence` in JSON.
+    double prominence = 0, prominence_deviation = 0, prominence_correlation = 0;
     double score = 0, score_deviation = 0;
   };
   std::optional<Baseline> baseline;

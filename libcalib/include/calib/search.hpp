@@ -36,7 +36,7 @@ struct SearchSettings {
   /// at the given one. Roll, pitch and yaw must be free.
   bool any_orientation = false;
   /// Axes (roll, pitch, yaw, x, y, z of the LiDAR at the start) that may move.
-  std::array<bool, 6> released{true, true, true, true, true, true};
+  std::array<bool, 6> free_axes{true, true, true, true, true, true};
   /// Called with a share of the work done, 0 .. 1, now and then. May be empty.
   std::function<void(double)> progress = {};
   /// Called before each evaluation, some milliseconds apart; false ends the work, which then fails with `cancelled`.
@@ -91,9 +91,9 @@ struct Uncertainty {
 
 /// The objective of the drift monitor: depth of the whole image, which has the sharpest maximum; for monocular depth
 /// tiles and intensity, which errors that vary over the image affect less.
-[[nodiscard]] Objective drift_objective(bool depth_is_guessed);
+[[nodiscard]] Objective drift_objective(bool monocular_depth);
 
 /// The objective of a method's last stage, unless the depth is found to be biased.
-[[nodiscard]] Objective final_objective(Method method, const std::array<bool, 6>& released);
+[[nodiscard]] Objective final_objective(Method method, const std::array<bool, 6>& free_axes);
 
 }  // namespace calib

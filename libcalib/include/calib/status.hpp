@@ -40,7 +40,7 @@ struct PairStatus {
   std::optional<Misalignment> misalignment;
   /// Per axis the smallest shift that is detected (rad, m), infinite where the axis is not observable; none before
   /// there is a baseline.
-  std::optional<Vector6> noticeable;
+  std::optional<Vector6> detection_limit;
 
   RigidTransform T_camera_lidar = RigidTransform::Identity();
   /// A computed extrinsic that waits for `calibctl accept`, and its record.
