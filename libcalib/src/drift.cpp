@@ -26,7 +26,7 @@ constexpr double evidence_share = 0.25, suspect_share = 0.8;
 /// Reference values in standard deviations of one pair: a shift of twice as much is found quickest.
 constexpr PerChart<double> own_references{.rapid = 1.5, .sensitive = 0.6};
 /// 6 axes, 2 directions and the loss of the maximum, 2 charts each.
-constexpr int charts = 26;
+constexpr int chart_count = 26;
 /// Pairs within which a shift of the size of the detection limit is detected.
 constexpr double detection_pairs = 50;
 /// Hysteresis: the share of `must_detect_rotation_rad` and of these pairs below which `insufficient_power` ends.
@@ -56,7 +56,7 @@ DriftSettings usual_drift_settings(bool monocular_depth) {
 
 DriftMonitor::DriftMonitor(const DriftSettings& settings, DriftState state)
     : settings_(settings), state_(std::move(state)) {
-  const double run_length = charts / settings_.false_alarms_per_pair;
+  const double run_length = chart_count / settings_.false_alarms_per_pair;
   limits_ = {cusum_limit(own_references.rapid, run_length), cusum_limit(own_references.sensitive, run_length)};
 }
 
