@@ -1,7 +1,6 @@
 #include "depth_source.hpp"
 
 #include <fmt/format.h>
-#include <malloc.h>
 
 #include <future>
 #include <thread>
@@ -79,10 +78,6 @@ Result<T> DepthSource::supervise(const std::function<Result<T>()>& work) {
   }
   thread.join();
   busy_ = false;
-#ifdef __GLIBC__
-  // What loading and running a network leave behind is free, and yet resident: several times the network itself.
-  if (depth_kind(pair_.depth).is_monocular) malloc_trim(0);
-#endif
   if (!cancelled) return result.get();
   estimator_.reset();  // a cancelled estimator fails ever after
   if (ending) return fail(ErrorCode::depth_failed, "calibd ends");

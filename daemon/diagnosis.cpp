@@ -83,7 +83,8 @@ std::optional<DepthMap> try_depth(const DiagnosisInput& input, const FramePair& 
                                   const std::function<bool()>& keep_going, PairSeen& seen) {
   const auto estimate = [&](const FramePair& of) {
     auto depth = source.estimate(of);
-    if (depth) mask_depth(of.image, input.pair.depth_range, *depth);
+    if (depth)
+      if (auto masked = mask_depth(of.image, input.pair.depth_range, *depth); !masked) depth = propagate(masked);
     return depth;
   };
   if (auto scene = check_pair(pair, seen.camera, nullptr, {}); !scene && scene.error().code != ErrorCode::image_size_mismatch)

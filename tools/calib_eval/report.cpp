@@ -83,7 +83,7 @@ Json best_to_json(const Experiment& experiment) {
           {"observable", searched(uncertainty.observable)}};
 }
 
-std::string text(fmt::format_string<double> format, const std::optional<double>& value) {
+std::string text(fmt::format_string<const double&> format, const std::optional<double>& value) {
   return value ? fmt::format(format, *value) : "-";
 }
 
