@@ -9,7 +9,7 @@
 #include "config.hpp"
 #include "dds/bus.hpp"
 #include "depth_source.hpp"
-#include "doctor.hpp"
+#include "findings.hpp"
 
 namespace calib {
 
