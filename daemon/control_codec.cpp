@@ -2,30 +2,101 @@
 
 #include <nlohmann/json.hpp>
 
+#include "control.hpp"
+
 namespace calib {
 namespace {
 
-nlohmann::json to_json(const PairFinding& check) {
+using nlohmann::json;
+
+json vector3(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
+
+json encode(const Error& error) { return refusal(error.code, error.context); }
+
+json encode(const Status& status) { return {{"ok", true}, {"status", to_json(status)}}; }
+
+json encode(const RecordsPage& page) {
+  json records = json::array();
+  for (const SignedRecord& record : page.records)
+    records.push_back({{"canonical", record.canonical}, {"signature", record.signature}});
+  return {{"ok", true}, {"stored", page.stored}, {"records", std::move(records)}};
+}
+
+json encode(const PairFinding& check) {
   const Finding& finding = check.finding;
-  nlohmann::json json{{"pair", check.pair},
-                      {"check", finding.check},
-                      {"result", to_string(finding.result)},
-                      {"seen", escape_control(finding.seen)}};
-  if (finding.code.empty()) return json;
-  json["code"] = finding.code;
-  json["cause"] = escape_control(finding.cause);
-  json["remedy"] = escape_control(finding.remedy);
-  return json;
+  json encoded{{"pair", check.pair},
+               {"check", finding.check},
+               {"result", to_string(finding.result)},
+               {"seen", escape_control(finding.seen)}};
+  if (finding.code.empty()) return encoded;
+  encoded["code"] = finding.code;
+  encoded["cause"] = escape_control(finding.cause);
+  encoded["remedy"] = escape_control(finding.remedy);
+  return encoded;
+}
+
+json encode(const DiagnosisReport& report) {
+  json checks = json::array(), overlays = json::array();
+  for (const PairFinding& check : report.checks) checks.push_back(encode(check));
+  for (const Overlay& overlay : report.overlays)
+    overlays.push_back({{"pair", overlay.pair}, {"file", overlay.file.string()}});
+  return {{"ok", true}, {"checks", std::move(checks)}, {"overlays", std::move(overlays)}};
+}
+
+json encode(const Recalibration& result) {
+  return {{"T_camera_lidar", transform_json(result.T_camera_lidar)},
+          {"change",
+           {{"rotation_deg", vector3(result.delta.head<3>() / radians_per_degree)},
+            {"translation_cm", vector3(result.delta.tail<3>() * 100)}}},
+          {"score",
+           {{"before", result.score_before},
+            {"after", result.score_after},
+            {"held_back_before", result.held_back_before},
+            {"held_back_after", result.held_back_after}}}};
+}
+
+json encode(const Answer& answer) {
+  json reply{{"ok", true},
+             {"answer", answer.dry_run ? "dry_run" : to_string(answer.decision)},
+             {"reason", answer.reason},
+             {"record", answer.record ? json(*answer.record) : json()}};
+  // With `dry_run` calibd says what its gates would, whatever the mode makes of that.
+  if (answer.dry_run) reply["would"] = answer.decision == Decision::rejected ? "rejected" : "accepted";
+  if (answer.result) reply["result"] = encode(*answer.result);
+  return reply;
+}
+
+std::string pair_of(const json& request) {
+  const json pair = request.value("pair", json());
+  return pair.is_string() ? pair.get<std::string>() : "";
 }
 
 }  // namespace
 
-nlohmann::json to_json(const DiagnosisReport& report) {
-  nlohmann::json json{{"ok", true}, {"checks", nlohmann::json::array()}, {"overlays", nlohmann::json::array()}};
-  for (const PairFinding& check : report.checks) json["checks"].push_back(to_json(check));
-  for (const Overlay& overlay : report.overlays)
-    json["overlays"].push_back({{"pair", overlay.pair}, {"file", overlay.file.string()}});
-  return json;
+Result<ControlRequest> decode_request(const json& request) {
+  const std::string& what = request.at("request").get_ref<const std::string&>();
+  if (what == "status") return StatusRequest{};
+  if (what == "records") {
+    const json from = request.value("from", json());
+    if (!from.is_number_unsigned() || from == 0U) return fail("bad_request", "\"from\" is a record's number");
+    return RecordsRequest{from.get<std::uint64_t>()};
+  }
+  if (what == "doctor") {
+    if (request.value("pair", json()).is_null()) return DiagnosisRequest{};
+    return DiagnosisRequest{pair_of(request)};
+  }
+  if (what == "recalibrate") return RecalibrationRequest{pair_of(request), request.value("dry_run", json(false)) == true};
+  if (what == "accept") return AcceptRequest{pair_of(request)};
+  if (what == "rollback") {
+    const json to = request.value("to", json());
+    if (!to.is_null() && !to.is_number_unsigned()) return fail("bad_request", "\"to\" is a record's number or null");
+    return RollbackRequest{pair_of(request), to.is_null() ? std::nullopt : std::optional(to.get<std::uint64_t>())};
+  }
+  return fail("bad_request", "the requests are status, records, doctor, recalibrate, accept and rollback");
+}
+
+json encode_reply(const ControlReply& reply) {
+  return std::visit([](const auto& each) { return encode(each); }, reply);
 }
 
 }  // namespace calib

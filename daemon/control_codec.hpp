@@ -1,12 +1,56 @@
 #pragma once
 
+#include <cstdint>
 #include <nlohmann/json_fwd.hpp>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
 
+#include "calib/signature.hpp"
+#include "calib/status.hpp"
 #include "diagnosis.hpp"
+#include "pair_pipeline.hpp"
 
 namespace calib {
 
-/// The answer to the request `doctor`, as proto/control.md has it. Control characters of quoted text are escaped.
-[[nodiscard]] nlohmann::json to_json(const DiagnosisReport& report);
+// What is asked at the control socket, and answered, as proto/control.md has it. This is the only place that writes or reads
+// its JSON.
+
+struct StatusRequest {};
+/// Records from number `from` on.
+struct RecordsRequest {
+  std::uint64_t from = 1;
+};
+/// Of one pair, or of all.
+struct DiagnosisRequest {
+  std::optional<std::string> pair;
+};
+struct RecalibrationRequest {
+  std::string pair;
+  bool dry_run = false;
+};
+struct AcceptRequest {
+  std::string pair;
+};
+/// To the extrinsic of record `to`, or to the one before the present one.
+struct RollbackRequest {
+  std::string pair;
+  std::optional<std::uint64_t> to;
+};
+using ControlRequest =
+    std::variant<StatusRequest, RecordsRequest, DiagnosisRequest, RecalibrationRequest, AcceptRequest, RollbackRequest>;
+
+/// Some of the store's records, both texts empty where one is missing.
+struct RecordsPage {
+  std::uint64_t stored = 0;
+  std::vector<SignedRecord> records;
+};
+/// An `Error` has one of the codes `bad_request`, `not_found`, `not_ready`, `denied` and `failed`.
+using ControlReply = std::variant<Error, Status, RecordsPage, DiagnosisReport, Answer>;
+
+/// A request as `parse_request` lets it pass. Fails with `bad_request`.
+[[nodiscard]] Result<ControlRequest> decode_request(const nlohmann::json& request);
+[[nodiscard]] nlohmann::json encode_reply(const ControlReply& reply);
 
 }  // namespace calib

@@ -43,7 +43,7 @@ Result<std::string> DepthSource::prepare() {
   const auto fails = [this](const Error& error) {
     return tl::unexpected(*(failure_ = Error{"depth_failed", error.context}));
   };
-  auto made = make_estimator(pair_.depth, pair_.camera.camera, infos_);
+  auto made = make_ ? make_(pair_) : make_estimator(pair_.depth, pair_.camera.camera, infos_);
   if (!made) return fails(made.error());
   estimator_ = std::move(*made);
   auto remark = supervise<std::string>([this] { return estimator_->prepare(); });

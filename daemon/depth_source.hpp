@@ -19,8 +19,12 @@ class DepthSource final : public DepthEstimator {
   /// estimator has not returned 10 s after it was cancelled, so that the watchdog ends the process.
   using Poll = std::function<bool()>;
 
+  /// Makes an estimator in the place of the configured one.
+  using Make = std::function<Result<std::unique_ptr<DepthEstimator>>(const PairConfig&)>;
+
   /// `pair` outlives this.
-  DepthSource(const PairConfig& pair, Poll poll) : pair_(pair), poll_(std::move(poll)) {}
+  DepthSource(const PairConfig& pair, Poll poll, Make make = {})
+      : pair_(pair), poll_(std::move(poll)), make_(std::move(make)) {}
 
   /// CameraInfo from which the estimator is made, where the configuration does not give the right camera. One that
   /// differs from the last discards the estimator.
@@ -48,6 +52,7 @@ class DepthSource final : public DepthEstimator {
 
   const PairConfig& pair_;
   Poll poll_;
+  Make make_;
   StereoCameraInfo infos_;
   std::unique_ptr<DepthEstimator> estimator_;
   std::optional<Error> failure_;

@@ -47,7 +47,7 @@ bool is_good(const PairObservation& seen) {
 
 /// Listens to the topics of the pair, and to the CameraInfo beside its image. The last samples that belong together;
 /// nothing when there are none. Fails with `dds_failed` or `bad_topic`.
-Result<std::optional<FramePair>> listen(const DiagnosisInput& input, Bus& bus, DepthSource& depth,
+Result<std::optional<FramePair>> listen(const DiagnosisInput& input, Network& network, DepthSource& depth,
                                         const std::function<bool()>& keep_going, PairObservation& seen) {
   const bool camera_info_is_configured = input.pair.camera.info.has_value();
   seen.topics = topics_to_probe(input.topics, camera_info_is_configured);
@@ -55,19 +55,19 @@ Result<std::optional<FramePair>> listen(const DiagnosisInput& input, Bus& bus, D
   for (const TopicObservation& topic : seen.topics) seen.topics_in_use.insert(topic.topic);
   PairTopics topics = input.topics;
   if (!topics.camera_info) topics.camera_info = conventional_camera_info(topics.image);
-  auto window = bus.open_window(topics);
+  auto window = network.open_window(topics);
   if (!window) return tl::unexpected(window.error());
   const Companions companions{.right_image = topics.right_image.has_value(), .depth = topics.depth.has_value()};
   TopicProbe probe(seen, PairBuffer(input.sampling.max_time_difference, companions));
   const auto start = steady_clock::now();
   while (keep_going() && steady_clock::now() < start + longest_listening) {
-    auto samples = window->wait(std::chrono::milliseconds(200));
+    auto samples = (*window)->wait(std::chrono::milliseconds(200));
     if (!samples) return tl::unexpected(samples.error());
     for (Sample& sample : *samples)
       probe.add(std::move(sample), std::chrono::system_clock::now().time_since_epoch());
     seen.listened = steady_clock::now() - start;
     if (seen.listened < TopicProbe::shortest) continue;
-    auto writers = bus.remote_writers();
+    auto writers = network.remote_writers();
     if (!writers) return tl::unexpected(writers.error());
     seen.writers = std::move(*writers);
     if (probe.has_enough(seen.listened)) break;
@@ -109,15 +109,15 @@ std::optional<DepthMap> try_depth(const DiagnosisInput& input, const FramePair& 
 
 }  // namespace
 
-void diagnose_pair(const DiagnosisInput& input, Bus& bus, DepthSource& depth, const std::function<bool()>& keep_going,
-                   DiagnosisReport& report) {
+void diagnose_pair(const DiagnosisInput& input, Network& network, DepthSource& depth,
+                   const std::function<bool()>& keep_going, DiagnosisReport& report) {
   const std::string& name = input.pair.name;
   PairObservation seen{.camera = input.pair.camera.camera, .depth_kind = depth_kind(input.pair.depth)};
   seen.pair = name;
   seen.domain = input.dds.domain;
   seen.interface = input.dds.interface;
   seen.min_valid_depth = QualityLimits{}.min_valid_depth;
-  const auto pair = listen(input, bus, depth, keep_going, seen);
+  const auto pair = listen(input, network, depth, keep_going, seen);
   if (!pair) seen.time_difference = tl::unexpected(pair.error());
   if (const auto ready = depth.prepare(); !ready && seen.depth_kind.preparation_failure)
     seen.depth = fail(std::string(seen.depth_kind.preparation_failure->code), ready.error().context);

@@ -4,72 +4,14 @@
 #include <array>
 #include <cstdlib>
 #include <iterator>
-#include <nlohmann/json.hpp>
 #include <sstream>
-
-#include "calib/json_integer.hpp"
 
 namespace calib {
 namespace {
 
-using nlohmann::json;
-
 constexpr std::string_view state_purpose = "calibd pair state";
 
-/// The form of proto/alert.schema.json.
-std::string alert_text(const DriftAlert& alert) {
-  const auto three = [](const auto& vector) { return json{vector[0], vector[1], vector[2]}; };
-  return json{{"schema", 1},
-              {"alert_sequence", alert.alert_sequence},
-              {"stamp", rfc3339_ns(alert.stamp)},
-              {"vehicle", alert.vehicle},
-              {"pair", alert.pair},
-              {"verdict", to_string(alert.verdict)},
-              {"previous_verdict", to_string(alert.previous_verdict)},
-              {"reason", alert.reason},
-              {"rotation_rad", three(alert.misalignment.delta.head<3>())},
-              {"translation_m", three(alert.misalignment.delta.tail<3>())},
-              {"sigma_rotation_rad", three(alert.misalignment.sigma.head<3>())},
-              {"sigma_translation_m", three(alert.misalignment.sigma.tail<3>())},
-              {"record_sequence", alert.record_sequence}}
-      .dump(-1, ' ', false, json::error_handler_t::replace);  // a reason may quote what came over the network
-}
-
-Vector6 six(const json& first, const json& last) {
-  Vector6 values;
-  for (int i = 0; i < 3; ++i) {
-    values[i] = first.at(i).get<double>();
-    values[i + 3] = last.at(i).get<double>();
-  }
-  return values;
-}
-
 }  // namespace
-
-Result<DriftAlert> parse_alert(std::string_view text) {
-  try {
-    const json in = json::parse(text);
-    DriftAlert alert;
-    alert.alert_sequence = integer_from<std::uint64_t>(in.at("alert_sequence"));
-    alert.stamp = parse_rfc3339(in.at("stamp").get<std::string>()).value();
-    alert.vehicle = in.at("vehicle").get<std::string>();
-    alert.pair = in.at("pair").get<std::string>();
-    alert.verdict = parse_verdict(in.at("verdict").get<std::string>()).value();
-    alert.previous_verdict = parse_verdict(in.at("previous_verdict").get<std::string>()).value();
-    alert.reason = in.at("reason").get<std::string>();
-    alert.misalignment.delta = six(in.at("rotation_rad"), in.at("translation_m"));
-    alert.misalignment.sigma = six(in.at("sigma_rotation_rad"), in.at("sigma_translation_m"));
-    alert.record_sequence = integer_from<std::uint64_t>(in.at("record_sequence"));
-    return alert;
-  } catch (const std::exception& exception) {
-    return fail("malformed_alert", std::string("a kept alert cannot be read: ") + exception.what());
-  }
-}
-
-bool same(const RigidTransform& a, const RigidTransform& b) {
-  const RigidTransform difference = a.inverse() * b;
-  return rotation_angle_rad(difference) < 1e-9 && difference.translation().norm() < 1e-9;
-}
 
 Ledger::Ledger(Store store, std::filesystem::path head_dir, SigningKey key, Provenance provenance)
     : store_(std::move(store)),
@@ -140,39 +82,13 @@ void Ledger::write_head() {
 
 void Ledger::index(CalibrationRecord record) {
   last_of_pair_[record.pair] = record.sequence;
-  if (record.decision == Decision::initial) initial_.insert_or_assign(record.pair, record);
-  if (record.decision == Decision::baseline) baselines_[record.pair].push_back(record);
-  if (puts_in_force(record.decision)) extrinsics_[record.pair].push_back(std::move(record));
+  histories_[record.pair].add(std::move(record));
 }
 
-const CalibrationRecord* Ledger::in_force(std::string_view pair) const {
-  const auto found = extrinsics_.find(pair);
-  return found == extrinsics_.end() ? nullptr : &found->second.back();
-}
-
-const CalibrationRecord* Ledger::before_in_force(std::string_view pair) const {
-  const auto found = extrinsics_.find(pair);
-  return found == extrinsics_.end() || found->second.size() < 2 ? nullptr : &found->second[found->second.size() - 2];
-}
-
-const CalibrationRecord* Ledger::initial(std::string_view pair) const {
-  const auto found = initial_.find(pair);
-  return found == initial_.end() ? nullptr : &found->second;
-}
-
-const CalibrationRecord* Ledger::baseline(std::string_view pair, const RigidTransform& T_camera_lidar) const {
-  const auto found = baselines_.find(pair);
-  if (found == baselines_.end()) return nullptr;
-  const auto& all = found->second;
-  const auto of_it = std::find_if(all.rbegin(), all.rend(), [&](const CalibrationRecord& record) {
-    return same(record.T_camera_lidar, T_camera_lidar);
-  });
-  return of_it == all.rend() ? nullptr : &*of_it;
-}
-
-const CalibrationRecord* Ledger::baseline(std::string_view pair) const {
-  const CalibrationRecord* const now = in_force(pair);
-  return now == nullptr ? nullptr : baseline(pair, now->T_camera_lidar);
+const PairHistory& Ledger::history(std::string_view pair) const {
+  static const PairHistory none;
+  const auto found = histories_.find(pair);
+  return found == histories_.end() ? none : found->second;
 }
 
 Result<CalibrationRecord> Ledger::find(std::string_view pair, std::uint64_t sequence) const {

@@ -8,7 +8,9 @@
 #include "calib/status.hpp"
 #include "calib/store.hpp"
 #include "chain_head.hpp"
-#include "dds/messages.hpp"
+#include "clock.hpp"
+#include "drift_alert.hpp"
+#include "pair_history.hpp"
 #include "pair_state.hpp"
 
 namespace calib {
@@ -22,18 +24,6 @@ struct Provenance {
   std::string boot_id;
 };
 
-/// Now, by both clocks that a record names.
-struct Moment {
-  WallTime wall{};
-  std::chrono::nanoseconds since_boot{};
-};
-
-/// The form of proto/alert.schema.json. Fails with `malformed_alert`.
-[[nodiscard]] Result<DriftAlert> parse_alert(std::string_view text);
-
-/// Whether two extrinsics differ by no more than rounding.
-[[nodiscard]] bool same(const RigidTransform& a, const RigidTransform& b);
-
 /// The signed history of decisions, and what else must survive a restart. Decisions, state and alerts that belong
 /// together are written together: after a crash either all of them happened or none.
 class Ledger {
@@ -45,19 +35,10 @@ class Ledger {
                                            const std::filesystem::path& head_dir, SigningKey key,
                                            Provenance provenance);
 
-  /// The last record that put an extrinsic in force for the pair (decision initial, accepted or rolled_back).
-  [[nodiscard]] const CalibrationRecord* in_force(std::string_view pair) const;
-  /// The last `initial` record: what the configuration said when it was last taken over.
-  [[nodiscard]] const CalibrationRecord* initial(std::string_view pair) const;
+  /// What the records say of a pair; nothing of one that has none yet.
+  [[nodiscard]] const PairHistory& history(std::string_view pair) const;
   /// Fails with `record_not_found`, also for a record of another pair.
   [[nodiscard]] Result<CalibrationRecord> find(std::string_view pair, std::uint64_t sequence) const;
-  /// The record that was in force before the present one, if any.
-  [[nodiscard]] const CalibrationRecord* before_in_force(std::string_view pair) const;
-
-  /// The last `baseline` record of an extrinsic, or of the one in force: also from an earlier time when it was.
-  [[nodiscard]] const CalibrationRecord* baseline(std::string_view pair, const RigidTransform& T_camera_lidar) const;
-  [[nodiscard]] const CalibrationRecord* baseline(std::string_view pair) const;
-
   /// Everything that one event changes. `record` needs only pair, decision, reason, asked_by, the extrinsics and what
   /// was computed: the rest is filled in.
   struct Entry {
@@ -113,9 +94,7 @@ class Ledger {
   std::optional<std::string> records_missing_;
   bool written_by_first_version_ = false;  // the last record: its calibd remembered no head
   std::map<std::string, std::uint64_t, std::less<>> last_of_pair_;
-  std::map<std::string, std::vector<CalibrationRecord>, std::less<>> extrinsics_;  // those that came into force
-  std::map<std::string, CalibrationRecord, std::less<>> initial_;
-  std::map<std::string, std::vector<CalibrationRecord>, std::less<>> baselines_;
+  std::map<std::string, PairHistory, std::less<>> histories_;
 };
 
 }  // namespace calib

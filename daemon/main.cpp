@@ -100,7 +100,7 @@ Result<std::unique_ptr<calib::Service>> make_service(calib::Config config, calib
   };
   auto bus = calib::Bus::open(config.dds.domain, config.dds.interface, calib::max_sample_bytes(config), log);
   if (!bus) return tl::unexpected(bus.error());
-  return calib::Service::make(std::move(config), std::move(*ledger), std::move(*bus));
+  return calib::Service::make(std::move(config), std::move(*ledger), calib::make_network(std::move(*bus)));
 }
 
 /// Serves the control socket and shows the status until a signal comes, while the service does its work on a thread of
@@ -126,16 +126,14 @@ int serve(calib::Service& service, calib::ControlSocket& control, int signal_fd)
   sd_notifyf(0, "READY=1\nMAINPID=%d", static_cast<int>(getpid()));
   spdlog::info("calibd {} watches", calib::version);
   const auto ask = [&](calib::Question question) {
-    const auto answer = question.answer;
+    const auto reply = [answer = question.answer](const calib::ControlReply& made) { answer(encode_reply(made)); };
     try {
-      if (question.request["request"] == "status")
-        question.answer({{"ok", true}, {"status", to_json(service.status())}});
-      else if (question.request["request"] == "records")
-        question.answer(service.records(question.request.value("from", nlohmann::json())));
+      if (auto request = calib::decode_request(question.request))
+        service.ask({std::move(*request), question.peer, reply, question.asker_left});
       else
-        service.ask(std::move(question));
+        reply(request.error());
     } catch (const std::exception& exception) {
-      answer(calib::refusal("failed", exception.what()));
+      reply(calib::Error{"failed", exception.what()});
     }
   };
   while (!ended && !control.serve(200ms, signal_fd, ask)) show();

@@ -1,12 +1,16 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
+#include <deque>
 #include <map>
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
 
 #include "calib/drift.hpp"
+#include "calib/quality.hpp"
 #include "calib/status.hpp"
 
 namespace calib {
@@ -24,7 +28,23 @@ struct Probation {
   [[nodiscard]] bool exceeds(double sigmas) const;
 };
 
-/// What a pair's watch remembers across restarts, beside the records.
+/// What this process has seen of a pair at the extrinsic in force. Not saved.
+struct PairRun {
+  std::uint64_t pairs = 0;
+  /// When the samples of the last one had been received.
+  BootTime received;
+  /// Features of the latest pairs, oldest first: what a recalibration is computed from.
+  std::deque<std::shared_ptr<const FeatureSet>> frames;
+  std::optional<SceneThumbnail> last_scene;
+  /// Windows in turn without evidence, and why the last of them had none.
+  int windows_without_evidence = 0;
+  std::string last_skip;
+  /// When the last window ended (time since boot), and how long the last two cycles took, the latest first.
+  std::optional<std::chrono::nanoseconds> last_window;
+  std::array<std::chrono::nanoseconds, 2> cycles{};
+};
+
+/// What is known of a pair. All but the last two members survive a restart, beside the records.
 struct PairState {
   DriftState drift;
   /// Digest of what `drift` was measured with; empty while there is none.
@@ -50,10 +70,15 @@ struct PairState {
   int refusals = 0;
   std::uint64_t retry_at = 0;
   std::optional<WallTime> recalibrated;
+
+  /// The extrinsic in force, as its record has it.
+  RigidTransform T_camera_lidar = RigidTransform::Identity();
+  PairRun run;
 };
 
+/// What is saved of `state`.
 [[nodiscard]] std::string to_text(const PairState& state);
-/// Fails with `malformed_state`: the daemon then begins anew for this pair, and says so.
+/// Its inverse. Fails with `malformed_state`: the daemon then begins anew for this pair, and says so.
 [[nodiscard]] Result<PairState> parse_pair_state(std::string_view text);
 
 }  // namespace calib

@@ -1,103 +1,198 @@
 #include "service.hpp"
 
-#include <time.h>
-
 #include <algorithm>
-#include <new>
 
-#include "control_codec.hpp"
-#include "journal.hpp"
 #include "message_ids.hpp"
 #include "pair_topics.hpp"
 
 namespace calib {
-namespace {
 
-using nlohmann::json;
+using namespace std::chrono_literals;
 using std::chrono::steady_clock;
-
-constexpr std::chrono::milliseconds slice{200};
-
-std::chrono::nanoseconds read_clock(clockid_t clock) {
-  timespec time{};
-  clock_gettime(clock, &time);
-  return std::chrono::seconds(time.tv_sec) + std::chrono::nanoseconds(time.tv_nsec);
-}
-
-/// A CameraInfo contradicts the configuration when it is of another size, or its focal length or centre differ by more
-/// than the last digits that people write down.
-std::optional<Error> contradiction(const CameraInfo& info, const Camera& camera) {
-  if (info.width != camera.width() || info.height != camera.height())
-    return Error{"camera_info_mismatch", "CameraInfo is for " + std::to_string(info.width) + " x " +
-                                             std::to_string(info.height) + " pixels; correct camera.size"};
-  const bool rectified = camera.model() == CameraModel::rectified;
-  const std::array<double, 4> theirs = rectified ? std::array{info.P[0], info.P[5], info.P[2], info.P[6]}
-                                                 : std::array{info.K[0], info.K[4], info.K[2], info.K[5]};
-  const std::array<double, 4> ours{camera.fx(), camera.fy(), camera.cx(), camera.cy()};
-  for (std::size_t i = 0; i < ours.size(); ++i)
-    if (std::abs(theirs[i] - ours[i]) > 0.5)
-      return Error{"camera_info_mismatch", std::string("CameraInfo's ") + (rectified ? "P" : "K") +
-                                               " differs from camera.intrinsics; correct the configuration"};
-  return std::nullopt;
-}
-
-/// What `work` returns, which decides nothing: memory that runs out, and what a library throws over samples, cost the
-/// window and no more. What is thrown in a decision ends the process: the next start goes on from what was written.
-template <typename Work>
-Result<void> contained(PairWatch& pair, Work work) {
-  try {
-    return work();
-  } catch (const std::bad_alloc&) {
-    pair.count_skipped("out_of_memory");
-    return fail("out_of_memory", "there was no memory for a pair; give calibd more (MemoryMax=), or smaller samples");
-  } catch (const std::exception& exception) {
-    return fail("internal_error", std::string("a pair could not be evaluated: ") + exception.what());
-  }
-}
-
-}  // namespace
-
-Moment now() { return {read_clock(CLOCK_REALTIME), read_clock(CLOCK_BOOTTIME)}; }
 
 std::string evidence_sha256(const PairConfig& pair, const Provenance& provenance) {
   return sha256_hex(pair.evidence_text + "software:" + provenance.software_sha256 + '\n' + pinned_text(pair.depth));
 }
 
-Result<std::unique_ptr<Service>> Service::make(Config config, Ledger ledger, Bus bus) {
-  std::unique_ptr<Service> service(new Service(std::move(config), std::move(ledger), std::move(bus)));
+Service::Service(Config config, Ledger ledger, std::unique_ptr<Network> network, Surroundings surroundings)
+    : config_(std::move(config)),
+      ledger_(std::move(ledger)),
+      network_(std::move(network)),
+      surroundings_(std::move(surroundings)),
+      started_(surroundings_.clock().since_boot) {}
+
+Result<std::unique_ptr<Service>> Service::make(Config config, Ledger ledger, std::unique_ptr<Network> network,
+                                               Surroundings surroundings) {
+  std::unique_ptr<Service> service(
+      new Service(std::move(config), std::move(ledger), std::move(network), std::move(surroundings)));
   for (PairConfig& pair : service->config_.pairs) pin_files(pair.depth);
+  const auto& log = service->surroundings_.log;
   if (const auto& missing = service->ledger_.records_missing())
-    journal(3, message_ids::records_missing, *missing + "; calibd goes on with the records that there are");
+    log(3, message_ids::records_missing, *missing + "; calibd goes on with the records that there are");
   // Alerts that were written but perhaps not sent, and extrinsics that late readers must see.
   const auto latest = service->ledger_.latest_alerts(32);
   if (!latest) return tl::unexpected(latest.error());
   for (const Error& unreadable : latest->unreadable)
-    journal(4, message_ids::store_failed, unreadable.context + "; it is left where it is, and not sent");
+    log(4, message_ids::store_failed, unreadable.context + "; it is left where it is, and not sent");
   for (const DriftAlert& alert : latest->alerts)
-    if (auto sent = service->bus_.publish_alert(alert); !sent) return tl::unexpected(sent.error());
+    if (auto sent = service->network_->publish_alert(alert); !sent) return tl::unexpected(sent.error());
   for (const PairConfig& pair : service->config_.pairs)
-    if (auto taken = service->take_over(pair); !taken) return tl::unexpected(taken.error());
+    if (auto restored = service->restore(pair); !restored) return tl::unexpected(restored.error());
   service->publish_extrinsics();
   service->collect_status();
   return service;
+}
+
+Result<void> Service::restore(const PairConfig& config) {
+  PairPipeline pipeline(pair_settings(config_, config, evidence_sha256(config, ledger_.provenance())));
+  auto depth = std::make_unique<DepthSource>(config, [this] { return keep_going(); }, surroundings_.make_depth);
+  auto owned = std::make_unique<Pair>(Pair{
+      .config = &config, .topics = topics_of(config), .pipeline = std::move(pipeline), .depth = std::move(depth)});
+  Pair& pair = *owned;
+  auto restored = pair.pipeline.restore(ledger_.state(config.name), config.T_camera_lidar, now(pair));
+  if (!restored) return tl::unexpected(restored.error());
+  const bool is_new = restored->decision.record.has_value();
+  pair.state = std::move(restored->state);
+  const bool committed = commit(pair, restored->decision);
+  if (!committed && is_new) return tl::unexpected(*pair.store_failure);
+  if (committed) publish(pair, restored->decision);
+  pairs_.push_back(std::move(owned));
+  return {};
+}
+
+Now Service::now(const Pair& pair) const {
+  const auto& head = ledger_.head_failure();
+  return {.time = surroundings_.clock(),
+          .boot_id = ledger_.provenance().boot_id,
+          .history = ledger_.history(pair.config->name),
+          .next_sequence = ledger_.next_sequence(),
+          .not_written = head ? std::optional(head->context) : std::nullopt};
+}
+
+/// Writes what was decided, durably, and makes it the pair's state; or changes nothing and returns false.
+bool Service::commit(Pair& pair, PairDecision& decision) {
+  const std::string& name = pair.config->name;
+  auto written = ledger_.write(name, *decision.state, {std::move(decision.record), std::move(decision.alert)},
+                               surroundings_.clock());
+  if (!written) {
+    const bool news = !pair.store_failure || pair.store_failure->code != written.error().code;
+    pair.store_failure = std::move(written.error());
+    if (news)
+      surroundings_.log(3, message_ids::store_failed,
+                        name + ": " + pair.store_failure->context +
+                            "; nothing was changed, the pair is not evaluated, and the next window tries again");
+    return false;
+  }
+  if (std::exchange(pair.store_failure, std::nullopt))
+    surroundings_.log(5, message_ids::store_failed, name + ": the store can be written again");
+  decision.record = std::move(written->record);
+  decision.alert = std::move(written->alert);
+  pair.state = std::move(*decision.state);
+  // As its record has it, to the last bit.
+  pair.state.T_camera_lidar = ledger_.history(name).in_force()->T_camera_lidar;
+  return true;
+}
+
+/// What a committed decision tells the world.
+void Service::publish(const Pair& pair, const PairDecision& decision) {
+  if (decision.alert)
+    if (auto sent = network_->publish_alert(*decision.alert); !sent)
+      surroundings_.log(4, message_ids::bus_failed,
+                        pair.config->name + ": " + sent.error().context +
+                            "; the alert is kept and sent at the next start");
+  for (const JournalEntry& entry : decision.journal)
+    surroundings_.log(entry.priority, entry.message_id, entry.text);
+}
+
+/// Makes a decision happen.
+void Service::apply(Pair& pair, PairDecision decision) {
+  if (decision.state && commit(pair, decision)) {
+    publish(pair, decision);
+    const bool extrinsic_changed = decision.record && decision.record->decision != Decision::baseline &&
+                                   decision.record->decision != Decision::rejected;
+    if (extrinsic_changed) publish_extrinsics();
+  }
+  collect_status();
+}
+
+Result<Answer> Service::apply_request(Pair& pair, PairDecision decision) {
+  const bool changes = decision.state.has_value();
+  Result<Answer> answer = std::move(decision.answer);
+  apply(pair, std::move(decision));
+  if (changes && answer && pair.store_failure)
+    return fail("failed", "the record could not be written; see the journal");
+  return answer;
+}
+
+void Service::conclude(std::size_t index, Measurement measurement) {
+  Pair& pair = *pairs_[index];
+  PairDecision decision = pair.pipeline.decide(pair.state, std::move(measurement), now(pair));
+  const bool due = decision.recalibration_due;
+  apply(pair, std::move(decision));
+  if (!due || pair.store_failure) return;
+  [[maybe_unused]] const auto answer = recalibrate(index, {.asked_by = "calibd"});
+}
+
+void Service::conclude(std::size_t index, const Skip& skip) {
+  Pair& pair = *pairs_[index];
+  apply(pair, pair.pipeline.decide(pair.state, skip, now(pair)));
+}
+
+Result<Answer> Service::recalibrate(std::size_t index, Recalibrate request) {
+  Pair& pair = *pairs_[index];
+  request.keep_going = [this] { return keep_going(); };
+  return apply_request(pair, pair.pipeline.decide(pair.state, request, now(pair)));
+}
+
+Result<Answer> Service::accept(std::size_t index, std::string asked_by) {
+  Pair& pair = *pairs_[index];
+  Accept request{.asked_by = std::move(asked_by), .proposal = {}};
+  if (pair.state.proposed_record) {
+    auto proposal = ledger_.find(pair.config->name, *pair.state.proposed_record);
+    if (!proposal) return fail("failed", proposal.error().context);
+    request.proposal = std::move(*proposal);
+  }
+  return apply_request(pair, pair.pipeline.decide(pair.state, request, now(pair)));
+}
+
+Result<Answer> Service::roll_back(std::size_t index, std::optional<std::uint64_t> to, std::string asked_by) {
+  Pair& pair = *pairs_[index];
+  const std::string& name = pair.config->name;
+  RollBack request{.asked_by = std::move(asked_by), .target = {}};
+  if (const CalibrationRecord* before = ledger_.history(name).before_in_force(); !to && before != nullptr)
+    to = before->sequence;
+  if (to) {
+    auto target = ledger_.find(name, *to);
+    if (!target)
+      return fail(target.error().code == "record_not_found" ? "not_found" : "failed", target.error().context);
+    request.target = std::move(*target);
+  }
+  return apply_request(pair, pair.pipeline.decide(pair.state, request, now(pair)));
 }
 
 Result<void> Service::run(const std::function<void()>& alive) {
   alive_ = alive;
   auto next = steady_clock::now();
   while (!stopping()) {
-    for (auto& watch : watches_) {
-      if (!stopping()) sample(*watch);
-      if (const auto& failure = watch->pair->store_failure(); failure && failure->code == "store_moved")
+    for (std::size_t i = 0; i < pairs_.size(); ++i) {
+      if (!stopping()) sample(i);
+      if (const auto& failure = pairs_[i]->store_failure; failure && failure->code == "store_moved")
         return tl::unexpected(*failure);
-      run_diagnostics();
+      answer_requests();
+      alive_();
     }
     next = std::max(next + config_.sampling.period, steady_clock::now());
     while (steady_clock::now() < next && !stopping()) {
-      breathe(next);
-      run_diagnostics();
+      {
+        std::unique_lock lock(mutex_);
+        wake_.wait_until(lock, std::min(next, steady_clock::now() + 200ms),
+                         [&] { return stopping_ || !requests_.empty(); });
+      }
+      answer_requests();
+      alive_();
     }
   }
+  answer_requests();  // that calibd ends
   return {};
 }
 
@@ -105,7 +200,7 @@ void Service::stop() {
   const std::lock_guard lock(mutex_);
   stopping_ = true;
   wake_.notify_all();
-  bus_.interrupt();
+  network_->interrupt();
 }
 
 bool Service::stopping() const {
@@ -113,226 +208,114 @@ bool Service::stopping() const {
   return stopping_;
 }
 
-void Service::ask(Question question) {
-  const std::lock_guard lock(mutex_);
-  if (questions_.size() >= most_questions)
-    std::erase_if(questions_, [](const Question& waiting) { return waiting.asker_left->load(); });
-  if (questions_.size() >= most_questions) {
-    question.answer(refusal("failed", "too many questions wait; ask later"));
-    return;
-  }
-  questions_.push_back(std::move(question));
-  wake_.notify_all();
-}
-
-/// While one step of the pipeline goes on that must not be entered a second time: feeds the watchdog, and says whether
-/// to go on.
+/// In the middle of a long step: feeds the watchdog, and says whether to go on.
 bool Service::keep_going() {
-  if (const auto time = steady_clock::now(); time >= last_alive_ + slice) {
+  if (const auto time = surroundings_.clock().since_boot; time >= last_alive_ + 200ms) {
     last_alive_ = time;
     alive_();
   }
   return !stopping();
 }
 
-/// Between two steps: waits for a question or until `until`, for at most a slice, and does what is due.
-void Service::breathe(steady_clock::time_point until) {
-  std::deque<Question> questions;
+ControlReply Service::answer(const PendingRequest& pending) {
+  return std::visit([&](const auto& request) { return answer(request, pending.peer); }, pending.request);
+}
+
+void Service::ask(PendingRequest request) {
+  const bool only_shows = std::holds_alternative<StatusRequest>(request.request) ||
+                          std::holds_alternative<RecordsRequest>(request.request);
+  if (only_shows) return request.reply(answer(request));
+  const std::lock_guard lock(mutex_);
+  if (requests_.size() >= most_requests)
+    std::erase_if(requests_, [](const PendingRequest& waiting) { return waiting.asker_left->load(); });
+  if (requests_.size() >= most_requests) {
+    request.reply(Error{"failed", "too many requests wait; ask later"});
+    return;
+  }
+  requests_.push_back(std::move(request));
+  wake_.notify_all();
+}
+
+/// Between two pairs, when nothing is being measured.
+void Service::answer_requests() {
+  std::deque<PendingRequest> requests;
   {
-    std::unique_lock lock(mutex_);
-    const auto end = std::min(until, steady_clock::now() + slice);
-    wake_.wait_until(lock, end, [&] { return stopping_ || !questions_.empty(); });
-    questions.swap(questions_);
+    const std::lock_guard lock(mutex_);
+    requests.swap(requests_);
   }
-  for (Question& question : questions) {
-    // A diagnosis waits until no sample is evaluated: it uses the same depth sources.
-    if (auto reply = answer(question))
-      question.answer(std::move(*reply));
-    else
-      diagnosis_questions_.push_back(std::move(question));
-  }
-  if (!questions.empty()) collect_status();
-  alive_();
+  for (const PendingRequest& request : requests)
+    request.reply(stopping() ? ControlReply(Error{"failed", "calibd ends"}) : answer(request));
 }
 
-void Service::sample(Watch& watch) {
-  const auto evaluated = contained(*watch.pair, [&] { return evaluate(watch); });
-  if (stopping()) return;  // whatever is missing was not waited for
-  if (!evaluated && evaluated.error().code != "not_prepared") watch.pair->skip(evaluated.error());
-  watch.pair->conclude();
-  collect_status();
-  breathe(steady_clock::now());
+Result<std::size_t> Service::find(const std::string& name) const {
+  const auto found = std::ranges::find_if(pairs_, [&](const auto& pair) { return pair->config->name == name; });
+  if (found == pairs_.end()) return fail("not_found", "there is no pair '" + escape_control(name) + "'");
+  return static_cast<std::size_t>(found - pairs_.begin());
 }
 
-/// One window.
-Result<void> Service::evaluate(Watch& watch) {
-  if (!prepare(watch)) return fail("not_prepared", "");
-  const auto pair = collect(watch);
-  if (!pair) return tl::unexpected(pair.error());
-  auto evaluated = watch.pair->evaluate(*pair);
-  if (evaluated) watch.time_difference = pair->time_difference();
-  return evaluated;
+ControlReply Service::answer(const StatusRequest&, const Peer&) { return status(); }
+
+ControlReply Service::answer(const RecordsRequest& request, const Peer&) {
+  auto page = records(request.from);
+  return page ? ControlReply(std::move(*page)) : ControlReply(page.error());
 }
 
-/// Whether the pair's source of depth is good. One that is not stays so, and nothing can be said of the pair.
-bool Service::prepare(Watch& watch) {
-  const auto remark = watch.depth->prepare();
-  const std::string& name = watch.config->name;
-  if (remark && !remark->empty()) journal(5, message_ids::depth_prepared, name + ": " + *remark);
-  if (remark || stopping()) return remark.has_value();
-  const std::string before = watch.pair->last_skip();
-  watch.pair->skip(remark.error(), PairWatch::windows_to_stale);
-  if (watch.pair->last_skip() != before)
-    journal(3, message_ids::depth_failed, name + ": " + watch.pair->last_skip() + "; this pair is not evaluated");
-  return false;
+ControlReply Service::answer(const DiagnosisRequest& request, const Peer&) try {
+  if (request.pair)
+    if (const auto pair = find(*request.pair); !pair) return pair.error();
+  return diagnose_pairs(request.pair);
+} catch (const std::exception& exception) {
+  return Error{"failed", exception.what()};
 }
 
-/// Reads until a pair is complete or the window closes. Readers live no longer than this call.
-Result<FramePair> Service::collect(Watch& watch) {
-  const auto end = steady_clock::now() + config_.sampling.window;
-  if (const auto right = watch.depth->right_image_size())
-    watch.topics.right_bound = ImageBound::exactly(*right, "the CameraInfo of depth.right_info");
-  auto window = bus_.open_window(watch.topics);
-  if (!window) return tl::unexpected(window.error());
-  PairBuffer buffer(config_.sampling.max_time_difference, {.right_image = watch.topics.right_image.has_value(),
-                                                           .depth = watch.topics.depth.has_value(),
-                                                           .turn_rate = watch.topics.motion.has_value()});
-  std::optional<Error> refused;
-  for (auto left = config_.sampling.window; left > left.zero(); left = end - steady_clock::now()) {
-    auto samples = window->wait(std::min<std::chrono::nanoseconds>(left, slice));
-    if (!samples) return tl::unexpected(samples.error());
-    for (Sample& sample : *samples)
-      if (auto error = receive(watch, std::move(sample), buffer)) refused = std::move(error);
-    while (auto pair = watch.depth->has_cameras() ? buffer.take() : std::nullopt) {
-      if (pair->image.stamp == watch.pair->state().last_stamp) {
-        refused = Error{"duplicate_frame", "the image has the stamp of the last one; does the camera stand still?"};
-        continue;
-      }
-      if (refused && refused->code == "camera_info_mismatch") return tl::unexpected(*refused);
-      return std::move(*pair);
-    }
-    breathe(steady_clock::now());
-    if (stopping()) break;
-  }
-  // What its depth lacks is told when it is asked for.
-  if (auto pair = buffer.take(); pair && !refused) return std::move(*pair);
-  return tl::unexpected(refused ? *refused : buffer.why_none());
-}
-
-/// Puts a sample where it belongs; says why when it is of no use.
-std::optional<Error> Service::receive(Watch& watch, Sample sample, PairBuffer& buffer) {
-  const auto arrived = steady_clock::now();
-  if (auto* left = std::get_if<LeftImage>(&sample)) {
-    watch.image.last = arrived;
-    buffer.add_image(std::move(left->image));
-  } else if (auto* right = std::get_if<RightImage>(&sample)) {
-    watch.right_image.last = arrived;
-    buffer.add_right_image(std::move(right->image));
-  } else if (auto* scan = std::get_if<DecodedCloud>(&sample)) {
-    watch.cloud.last = arrived;
-    buffer.add_scan(std::move(*scan));
-  } else if (auto* depth = std::get_if<DepthImage>(&sample)) {
-    watch.depth_image.last = arrived;
-    buffer.add_depth(std::move(*depth));
-  } else if (const auto* rate = std::get_if<TurnRate>(&sample)) {
-    watch.motion.last = arrived;
-    buffer.add_turn_rate(*rate);
-  } else if (const auto* info = std::get_if<CameraInfo>(&sample)) {
-    watch.depth->set_left_camera_info(*info);
-    return contradiction(*info, watch.config->camera.camera);
-  } else if (const auto* right_info = std::get_if<RightCameraInfo>(&sample)) {
-    watch.depth->set_right_camera_info(right_info->info);
-  } else if (const auto* malformed = std::get_if<Malformed>(&sample)) {
-    watch.pair->count_skipped(malformed->error.code);
-    return Error{malformed->error.code, malformed->topic + ": " + malformed->error.context};
-  }
-  return std::nullopt;
-}
-
-Result<void> Service::take_over(const PairConfig& pair) {
-  auto depth = std::make_unique<DepthSource>(pair, [this] {
-    breathe(steady_clock::now());
-    return !stopping();
+ControlReply Service::answer(const RecalibrationRequest& request, const Peer& peer) {
+  return change(request.pair, peer, [&](std::size_t pair, std::string asked_by) {
+    return recalibrate(pair, {.asked_by = std::move(asked_by), .dry_run = request.dry_run});
   });
-  DepthSource* const source = depth.get();
-  const PairListener listener{
-      .alert =
-          [this, name = pair.name](const DriftAlert& alert) {
-            if (auto sent = bus_.publish_alert(alert); !sent)
-              journal(4, message_ids::bus_failed,
-                      name + ": " + sent.error().context + "; the alert is kept and sent at the next start");
-            collect_status();  // a recalibration may follow, and take its time
-          },
-      .journal = journal,
-      .extrinsic_changed = [this] { publish_extrinsics(); },
-      .keep_going = [this] { return keep_going(); }};
-  auto watch = PairWatch::take_over(config_, pair, evidence_sha256(pair, ledger_.provenance()), std::move(depth),
-                                    ledger_, now, listener);
-  if (!watch) return tl::unexpected(watch.error());
-  watches_.push_back(std::make_unique<Watch>(
-      Watch{.config = &pair, .topics = topics_of(pair), .pair = std::move(*watch), .depth = source}));
-  return {};
 }
 
-std::optional<json> Service::answer(const Question& question) {
-  const auto& request = question.request;
-  const std::string what = request["request"].get<std::string>();
-  const std::string name =
-      request.contains("pair") && request["pair"].is_string() ? request["pair"].get<std::string>() : "";
-  const auto found = std::ranges::find_if(watches_, [&](const auto& watch) { return watch->config->name == name; });
-  if (what == "doctor") {
-    constexpr std::size_t most_waiting = 16;
-    if (found == watches_.end() && !request.value("pair", json()).is_null())
-      return refusal("not_found", "there is no pair '" + escape_control(name) + "'");
-    if (diagnosis_questions_.size() >= most_waiting) return refusal("failed", "too many diagnoses wait; ask later");
-    return std::nullopt;
-  }
-  if (what != "recalibrate" && what != "accept" && what != "rollback")
-    return refusal("bad_request", "the requests are status, records, doctor, recalibrate, accept and rollback");
-  if (!question.peer.may_change)
-    return refusal("denied", "only root, the daemon's user and members of its group may ask for changes");
-  if (found == watches_.end()) return refusal("not_found", "there is no pair '" + escape_control(name) + "'");
-  const std::string asked_by = "uid:" + std::to_string(question.peer.uid);
-  PairWatch& pair = *(*found)->pair;
-  if (what == "accept") return pair.accept(asked_by);
-  if (what == "rollback") return pair.roll_back(request.value("to", json()), asked_by);
-  return pair.recalibrate(asked_by, request.value("dry_run", json(false)) == true);
+ControlReply Service::answer(const AcceptRequest& request, const Peer& peer) {
+  return change(request.pair, peer,
+                [&](std::size_t pair, std::string asked_by) { return accept(pair, std::move(asked_by)); });
 }
 
-void Service::run_diagnostics() {
-  while (!diagnosis_questions_.empty() && !stopping()) {
-    const Question question = std::move(diagnosis_questions_.front());
-    diagnosis_questions_.pop_front();
-    json reply;
-    try {
-      reply = to_json(diagnose_pairs(question.request.value("pair", json())));
-    } catch (const std::exception& exception) {
-      reply = refusal("failed", exception.what());
-    }
-    question.answer(stopping() ? refusal("failed", "calibd ends") : std::move(reply));
-  }
+ControlReply Service::answer(const RollbackRequest& request, const Peer& peer) {
+  return change(request.pair, peer, [&](std::size_t pair, std::string asked_by) {
+    return roll_back(pair, request.to, std::move(asked_by));
+  });
 }
 
-/// The pair of that name, or (null) all.
-DiagnosisReport Service::diagnose_pairs(const json& name) {
+/// Between two pairs, when nothing else uses the depth sources. Of the pair of that name, or of all.
+DiagnosisReport Service::diagnose_pairs(const std::optional<std::string>& name) {
   std::set<std::string> image_topics;
-  for (const auto& watch : watches_) {
-    image_topics.insert(watch->topics.image);
-    if (watch->topics.right_image) image_topics.insert(*watch->topics.right_image);
+  for (const auto& pair : pairs_) {
+    image_topics.insert(pair->topics.image);
+    if (pair->topics.right_image) image_topics.insert(*pair->topics.right_image);
   }
   DiagnosisReport report;
-  for (const auto& watch : watches_) {
-    if (!(name.is_null() || name == watch->config->name) || stopping()) continue;
+  for (const auto& pair : pairs_) {
+    if ((name && *name != pair->config->name) || stopping()) continue;
     diagnose_pair({.dds = config_.dds,
                    .sampling = config_.sampling,
-                   .pair = *watch->config,
-                   .topics = watch->topics,
-                   .T_camera_lidar = watch->pair->monitor().T_camera_lidar(),
+                   .pair = *pair->config,
+                   .topics = pair->topics,
+                   .T_camera_lidar = pair->state.T_camera_lidar,
                    .other_image_topics = image_topics,
                    .picture_folder = config_.state_dir / "doctor"},
-                  bus_, *watch->depth, [this] { return keep_going(); }, report);
+                  *network_, *pair->depth, [this] { return keep_going(); }, report);
   }
   return report;
+}
+
+/// What changes something, if the peer may ask for that.
+ControlReply Service::change(const std::string& name, const Peer& peer,
+                             const std::function<Result<Answer>(std::size_t pair, std::string asked_by)>& make) {
+  if (!peer.may_change)
+    return Error{"denied", "only root, the daemon's user and members of its group may ask for changes"};
+  const auto pair = find(name);
+  if (!pair) return pair.error();
+  auto answer = make(*pair, "uid:" + std::to_string(peer.uid));
+  return answer ? ControlReply(std::move(*answer)) : ControlReply(answer.error());
 }
 
 }  // namespace calib

@@ -12,21 +12,42 @@
 #include "calib/pairing.hpp"
 #include "config.hpp"
 #include "control.hpp"
-#include "dds/bus.hpp"
+#include "control_codec.hpp"
 #include "depth_source.hpp"
-#include "diagnosis.hpp"
+#include "journal.hpp"
 #include "ledger.hpp"
-#include "pair_watch.hpp"
+#include "network.hpp"
+#include "pair_pipeline.hpp"
 
 namespace calib {
 
-/// Samples each pair, has its watch judge what came, tells the world what it decided, and answers questions. One thread
-/// runs it and owns everything of the estimator; another shows its last status, by its own clock: when the first one
-/// hangs, what is shown grows stale by itself.
+/// What a service lives in; a test gives it a clock, a journal and depth of its own.
+struct Surroundings {
+  Clock clock = system_clock;
+  std::function<void(int priority, std::string_view message_id, std::string_view text)> log = journal;
+  /// In the place of the depth that the configuration asks for.
+  DepthSource::Make make_depth{};
+};
+
+/// A request that waits for its turn. `reply` may be called from any thread, once.
+struct PendingRequest {
+  ControlRequest request;
+  Peer peer;
+  std::function<void(ControlReply)> reply;
+  /// Set once nobody waits for the reply any more.
+  std::shared_ptr<const std::atomic<bool>> asker_left = std::make_shared<const std::atomic<bool>>(false);
+};
+
+/// Samples each pair, has the pipeline measure and decide, and makes what it decides happen, in one order: the ledger's
+/// transaction, then the bus and the journal, then the reply. What was decided counts only once the transaction has
+/// committed. One thread runs it and owns everything of the estimator; another shows its last status, by its own clock:
+/// when the first one hangs, what is shown grows stale by itself.
 class Service {
  public:
-  /// Takes over what the ledger remembers. Writes an `initial` record for each pair whose configured extrinsic is new.
-  [[nodiscard]] static Result<std::unique_ptr<Service>> make(Config config, Ledger ledger, Bus bus);
+  /// Restores each pair from the ledger. Writes an `initial` record for each whose configured extrinsic is new.
+  [[nodiscard]] static Result<std::unique_ptr<Service>> make(Config config, Ledger ledger,
+                                                             std::unique_ptr<Network> network,
+                                                             Surroundings surroundings = {});
 
   /// Samples until `stop` is called. `alive` is called whenever a step of the pipeline was done, at least once a second
   /// while there is nothing to do: it feeds the watchdog.
@@ -34,68 +55,98 @@ class Service {
   [[nodiscard]] Result<void> run(const std::function<void()>& alive);
   void stop();
 
-  /// From any thread; answered between two steps of the pipeline. Refused when `most_questions` wait already.
-  void ask(Question question);
-  static constexpr std::size_t most_questions = 16;
-  /// From any thread: the status as of the last change, with ages and verdicts as of now.
+  // The steps of `run`, for one thread. `pair` is a pair's place in the configuration.
+
+  /// One window of sampling, and what is decided from it.
+  void sample(std::size_t pair);
+  /// A window's end without the window.
+  void conclude(std::size_t pair, Measurement measurement);
+  void conclude(std::size_t pair, const Skip& skip);
+  [[nodiscard]] Result<Answer> recalibrate(std::size_t pair, Recalibrate request);
+  [[nodiscard]] Result<Answer> accept(std::size_t pair, std::string asked_by);
+  /// Back to the extrinsic of record `to`; of the one before the present one when there is none.
+  [[nodiscard]] Result<Answer> roll_back(std::size_t pair, std::optional<std::uint64_t> to, std::string asked_by);
+  /// The state that counts.
+  [[nodiscard]] const PairState& state(std::size_t pair) const { return pairs_[pair]->state; }
+  [[nodiscard]] const PairPipeline& pipeline(std::size_t pair) const { return pairs_[pair]->pipeline; }
+  [[nodiscard]] const Ledger& ledger() const { return ledger_; }
+
+  // From any thread.
+
+  /// Status and records are shown at once. Everything else waits until the pair that is being sampled is done with:
+  /// nothing changes under a measurement. Refused when `most_requests` wait already.
+  void ask(PendingRequest request);
+  static constexpr std::size_t most_requests = 16;
+  /// The status as of the last change, with ages and verdicts as of now.
   [[nodiscard]] Status status() const;
-  /// From any thread: the records from number `from` on, as many as fit into an answer, as proto/control.md has it.
-  [[nodiscard]] nlohmann::json records(const nlohmann::json& from) const;
+  /// The records from number `from` on, as many as fit into a reply.
+  [[nodiscard]] Result<RecordsPage> records(std::uint64_t from) const;
   /// From the thread that shows things, some times a second: writes the snapshot when what it shows has changed, sends
   /// the diagnostics once a second, and returns the verdicts in a line when they are others.
   [[nodiscard]] std::optional<std::string> show();
 
  private:
-  struct Watch {
+  struct Pair {
     const PairConfig* config;
     PairTopics topics;
-    std::unique_ptr<PairWatch> pair;
-    DepthSource* depth;  // the pair's
-    struct Arrival {
-      std::optional<std::chrono::steady_clock::time_point> last{};
-    };
-    Arrival image{}, right_image{}, depth_image{}, cloud{}, motion{};
-    std::optional<std::chrono::nanoseconds> time_difference{};
+    PairPipeline pipeline;
+    std::unique_ptr<DepthSource> depth;
+    PairState state = {};
+    std::optional<Error> store_failure = {};  // of the last transaction
+    std::optional<std::string> depth_failure = {};  // that the journal has
+    /// Time since boot at which the last sample of each topic arrived.
+    std::optional<std::chrono::nanoseconds> image = {}, right_image = {}, depth_image = {}, cloud = {}, motion = {};
+    std::optional<std::chrono::nanoseconds> time_difference = {};
   };
 
-  Service(Config config, Ledger ledger, Bus bus)
-      : config_(std::move(config)), ledger_(std::move(ledger)), bus_(std::move(bus)) {}
+  Service(Config config, Ledger ledger, std::unique_ptr<Network> network, Surroundings surroundings);
 
-  // service.cpp: sampling
-  void sample(Watch& watch);
-  [[nodiscard]] Result<void> evaluate(Watch& watch);
-  [[nodiscard]] bool prepare(Watch& watch);
-  [[nodiscard]] Result<FramePair> collect(Watch& watch);
-  [[nodiscard]] std::optional<Error> receive(Watch& watch, Sample sample, PairBuffer& buffer);
-  void breathe(std::chrono::steady_clock::time_point until);
+  // service.cpp
+  [[nodiscard]] Result<void> restore(const PairConfig& config);
+  [[nodiscard]] bool commit(Pair& pair, PairDecision& decision);
+  void publish(const Pair& pair, const PairDecision& decision);
+  void apply(Pair& pair, PairDecision decision);
+  [[nodiscard]] Result<Answer> apply_request(Pair& pair, PairDecision decision);
+  [[nodiscard]] Now now(const Pair& pair) const;
+  void answer_requests();
+  [[nodiscard]] ControlReply answer(const PendingRequest& pending);
+  [[nodiscard]] ControlReply answer(const StatusRequest& request, const Peer& peer);
+  [[nodiscard]] ControlReply answer(const RecordsRequest& request, const Peer& peer);
+  [[nodiscard]] ControlReply answer(const DiagnosisRequest& request, const Peer& peer);
+  [[nodiscard]] ControlReply answer(const RecalibrationRequest& request, const Peer& peer);
+  [[nodiscard]] ControlReply answer(const AcceptRequest& request, const Peer& peer);
+  [[nodiscard]] ControlReply answer(const RollbackRequest& request, const Peer& peer);
+  [[nodiscard]] ControlReply change(
+      const std::string& name, const Peer& peer,
+      const std::function<Result<Answer>(std::size_t pair, std::string asked_by)>& make);
+  [[nodiscard]] DiagnosisReport diagnose_pairs(const std::optional<std::string>& name);
+  [[nodiscard]] Result<std::size_t> find(const std::string& name) const;
+
+  // service_sampling.cpp
+  [[nodiscard]] std::variant<Measurement, Skip> measure(Pair& pair);
+  [[nodiscard]] std::optional<Skip> prepare(Pair& pair);
+  [[nodiscard]] Result<FramePair> collect(Pair& pair);
+  [[nodiscard]] std::optional<Error> receive(Pair& pair, Sample sample, PairBuffer& buffer);
   [[nodiscard]] bool keep_going();
   [[nodiscard]] bool stopping() const;
 
-  [[nodiscard]] Result<void> take_over(const PairConfig& pair);
-  /// Nothing: the question waits for `run_diagnostics`.
-  [[nodiscard]] std::optional<nlohmann::json> answer(const Question& question);
-
-  /// Answers what `calibctl doctor` asked, between two samples: nothing else uses the depth sources then.
-  void run_diagnostics();
-  [[nodiscard]] DiagnosisReport diagnose_pairs(const nlohmann::json& name);
-
-  // service_status.cpp: what is shown
-  [[nodiscard]] PairStatus status_of(const Watch& watch) const;
+  // service_status.cpp
+  [[nodiscard]] PairStatus status_of(const Pair& pair) const;
+  [[nodiscard]] std::optional<CalibrationRecord> proposal(const Pair& pair) const;
   void collect_status();
   void publish_diagnostics(const Status& status);
   void publish_extrinsics();
 
   Config config_;
   Ledger ledger_;
-  Bus bus_;
-  std::vector<std::unique_ptr<Watch>> watches_;
-  std::function<void()> alive_;
-  std::chrono::steady_clock::time_point started_ = std::chrono::steady_clock::now();
-  std::chrono::steady_clock::time_point last_alive_{};
-  std::deque<Question> diagnosis_questions_;
+  std::unique_ptr<Network> network_;
+  Surroundings surroundings_;
+  std::vector<std::unique_ptr<Pair>> pairs_;
+  std::function<void()> alive_ = [] {};
+  std::chrono::nanoseconds started_{}, last_alive_{};  // since boot
 
   // Of the thread that shows things.
-  std::chrono::steady_clock::time_point next_diagnostics_{};
+  std::chrono::nanoseconds next_diagnostics_{};
   std::set<std::string> failures_logged_;
   std::string verdicts_shown_;
   std::uint64_t collection_shown_ = 0;
@@ -103,17 +154,14 @@ class Service {
   mutable std::mutex mutex_;  // guards what is below
   std::condition_variable wake_;
   bool stopping_ = false;
-  std::deque<Question> questions_;
+  std::deque<PendingRequest> requests_;
   Status status_;
-  std::chrono::steady_clock::time_point status_collected_{};
+  std::chrono::nanoseconds status_collected_{};
   std::uint64_t collections_ = 0;
 };
 
 /// Digest of what a pair's evidence is measured with: `PairConfig::evidence_text`, the depth network's descriptor,
 /// which pins the network, and the software.
 [[nodiscard]] std::string evidence_sha256(const PairConfig& pair, const Provenance& provenance);
-
-/// Both clocks of a record, now.
-[[nodiscard]] Moment now();
 
 }  // namespace calib

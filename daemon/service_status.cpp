@@ -1,34 +1,38 @@
-#include <nlohmann/json.hpp>
-
-#include "journal.hpp"
+#include "calib/store.hpp"
 #include "message_ids.hpp"
 #include "service.hpp"
 #include "snapshot.hpp"
 #include "version.hpp"
 
 namespace calib {
-namespace {
 
-using nlohmann::json;
-
-PairStatus::Input input(const std::string& topic, const std::optional<std::chrono::steady_clock::time_point>& last) {
-  PairStatus::Input shown{topic, std::nullopt};
-  if (last) shown.age_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - *last).count();
-  return shown;
+PairStatus Service::status_of(const Pair& pair) const {
+  const Now time = now(pair);
+  PairStatus status = pair.pipeline.status(pair.state, pair.store_failure, time);
+  if (const auto proposed = proposal(pair))
+    status.proposed = PairStatus::Proposed{proposed->T_camera_lidar, proposed->sequence};
+  // Every record was verified when the ledger was opened, or signed by this very process.
+  const CalibrationRecord* record = time.history.in_force();
+  status.record = PairStatus::Record{record->sequence, ledger_.key_id(), true, record->wall_time};
+  const auto input = [&](const std::string& topic, const std::optional<std::chrono::nanoseconds>& arrived) {
+    PairStatus::Input shown{topic, std::nullopt};
+    if (arrived) shown.age_s = std::chrono::duration<double>(time.time.since_boot - *arrived).count();
+    return shown;
+  };
+  status.image = input(pair.topics.image, pair.image);
+  status.cloud = input(pair.topics.cloud, pair.cloud);
+  if (pair.topics.right_image) status.right_image = input(*pair.topics.right_image, pair.right_image);
+  if (pair.topics.depth) status.depth = input(pair.topics.depth->name, pair.depth_image);
+  if (pair.topics.motion) status.motion = input(pair.topics.motion->name, pair.motion);
+  if (pair.time_difference)
+    status.time_difference_ms = std::chrono::duration<double, std::milli>(*pair.time_difference).count();
+  return status;
 }
 
-}  // namespace
-
-PairStatus Service::status_of(const Watch& watch) const {
-  PairStatus status = watch.pair->status();
-  status.image = input(watch.topics.image, watch.image.last);
-  status.cloud = input(watch.topics.cloud, watch.cloud.last);
-  if (watch.topics.right_image) status.right_image = input(*watch.topics.right_image, watch.right_image.last);
-  if (watch.topics.depth) status.depth = input(watch.topics.depth->name, watch.depth_image.last);
-  if (watch.topics.motion) status.motion = input(watch.topics.motion->name, watch.motion.last);
-  if (watch.time_difference)
-    status.time_difference_ms = std::chrono::duration<double, std::milli>(*watch.time_difference).count();
-  return status;
+std::optional<CalibrationRecord> Service::proposal(const Pair& pair) const {
+  if (!pair.state.proposed_record) return std::nullopt;
+  auto found = ledger_.find(pair.config->name, *pair.state.proposed_record);
+  return found ? std::optional(std::move(*found)) : std::nullopt;
 }
 
 void Service::collect_status() {
@@ -36,19 +40,19 @@ void Service::collect_status() {
   status.vehicle = config_.vehicle;
   status.running = true;
   status.version = version;
-  for (const auto& watch : watches_) status.pairs.push_back(status_of(*watch));
+  for (const auto& pair : pairs_) status.pairs.push_back(status_of(*pair));
   status.feed_queued = ledger_.waiting_alert_count();
   status.records_missing = ledger_.records_missing();
   const std::lock_guard lock(mutex_);
   status_ = std::move(status);
-  status_collected_ = std::chrono::steady_clock::now();
+  status_collected_ = surroundings_.clock().since_boot;
   ++collections_;
 }
 
 Status Service::status() const {
   const std::lock_guard lock(mutex_);
   Status status = status_;
-  const auto time = std::chrono::steady_clock::now();
+  const auto time = surroundings_.clock().since_boot;
   status.uptime_s = std::chrono::duration<double>(time - started_).count();
   const double since_s = std::chrono::duration<double>(time - status_collected_).count();
   const auto grow_older = [since_s](PairStatus::Input& input) {
@@ -61,27 +65,25 @@ Status Service::status() const {
     if (pair.depth) grow_older(*pair.depth);
     if (pair.motion) grow_older(*pair.motion);
   }
-  expire(status, {ledger_.provenance().boot_id, now().since_boot});
+  expire(status, {ledger_.provenance().boot_id, time});
   return status;
 }
 
 /// By a connection of its own: the ledger's belongs to the other thread.
-json Service::records(const json& from) const {
+Result<RecordsPage> Service::records(std::uint64_t from) const {
   constexpr std::size_t most_bytes = 1 << 20;
-  if (!from.is_number_unsigned() || from == 0U) return refusal("bad_request", "\"from\" is a record's number");
   const auto store = Store::open(config_.state_dir / "calibd.db", Store::Mode::read_only);
   const auto stored = store.and_then([](const Store& opened) { return opened.record_count(); });
-  if (!stored) return refusal("failed", stored.error().context);
-  json reply{{"ok", true}, {"stored", *stored}, {"records", json::array()}};
+  if (!stored) return fail("failed", stored.error().context);
+  RecordsPage page{.stored = *stored, .records = {}};
   std::size_t bytes = 0;
-  for (auto sequence = from.get<std::uint64_t>(); sequence <= *stored && bytes < most_bytes; ++sequence) {
-    const auto record = store->record(sequence);
-    if (!record && record.error().code != "record_not_found") return refusal("failed", record.error().context);
-    bytes += record ? record->canonical.size() + record->signature.size() : 0;
-    reply["records"].push_back(
-        {{"canonical", record ? record->canonical : ""}, {"signature", record ? record->signature : ""}});
+  for (auto sequence = from; sequence <= *stored && bytes < most_bytes; ++sequence) {
+    auto record = store->record(sequence);
+    if (!record && record.error().code != "record_not_found") return fail("failed", record.error().context);
+    page.records.push_back(record ? std::move(*record) : SignedRecord{});
+    bytes += page.records.back().canonical.size() + page.records.back().signature.size();
   }
-  return reply;
+  return page;
 }
 
 std::optional<std::string> Service::show() {
@@ -99,8 +101,8 @@ std::optional<std::string> Service::show() {
   if (others || collections != collection_shown_) {
     const auto written = write_snapshot(config_.runtime_dir / "status.json", status);
     if (!written && failures_logged_.insert(written.error().code).second)
-      journal(4, message_ids::snapshot_failed,
-              written.error().context + "; status is still answered on the control socket");
+      surroundings_.log(4, message_ids::snapshot_failed,
+                        written.error().context + "; status is still answered on the control socket");
     collection_shown_ = collections;
   }
   if (!others) return std::nullopt;
@@ -109,27 +111,29 @@ std::optional<std::string> Service::show() {
 }
 
 void Service::publish_diagnostics(const Status& status) {
-  const auto time = std::chrono::steady_clock::now();
-  if (time < next_diagnostics_) return;
-  next_diagnostics_ = time + std::chrono::seconds(1);
-  const auto sent = bus_.publish_diagnostics(status, now().wall);
+  const Moment time = surroundings_.clock();
+  if (time.since_boot < next_diagnostics_) return;
+  next_diagnostics_ = time.since_boot + std::chrono::seconds(1);
+  const auto sent = network_->publish_diagnostics(status, time.wall);
   if (!sent && failures_logged_.insert(sent.error().code).second)
-    journal(4, message_ids::bus_failed, sent.error().context + "; diagnostics are tried again every second");
+    surroundings_.log(4, message_ids::bus_failed, sent.error().context + "; diagnostics are tried again every second");
 }
 
 /// All extrinsics that were computed: proposed ones, and those in force that are not the configuration's. Late readers
 /// get the last message only, so it holds them all.
 void Service::publish_extrinsics() {
   std::vector<ProposedExtrinsic> extrinsics;
-  for (const auto& watch : watches_) {
-    const PairConfig& pair = *watch->config;
-    if (const auto T = watch->pair->computed_extrinsic())
-      extrinsics.push_back({pair.camera.frame_id, pair.lidar.frame_id, *T});
+  for (const auto& pair : pairs_) {
+    const CalibrationRecord* in_force = ledger_.history(pair->config->name).in_force();
+    const auto proposed = proposal(*pair);
+    if (!proposed && in_force->decision == Decision::initial) continue;
+    extrinsics.push_back({pair->config->camera.frame_id, pair->config->lidar.frame_id,
+                          proposed ? proposed->T_camera_lidar : pair->state.T_camera_lidar});
   }
   if (extrinsics.empty()) return;
-  if (const auto sent = bus_.publish_proposed(extrinsics, now().wall); !sent)
-    journal(4, message_ids::bus_failed,
-            sent.error().context + "; the extrinsic is in `calibctl status` and the records");
+  if (const auto sent = network_->publish_proposed(extrinsics, surroundings_.clock().wall); !sent)
+    surroundings_.log(4, message_ids::bus_failed,
+                      sent.error().context + "; the extrinsic is in `calibctl status` and the records");
 }
 
 }  // namespace calib

@@ -7,6 +7,7 @@
 #include "calib/status.hpp"
 #include "calibd.h"
 #include "dds/entity.hpp"
+#include "drift_alert.hpp"
 #include "ros2.h"
 
 namespace calib {
@@ -39,19 +40,6 @@ struct ProposedExtrinsic {
   std::string camera_frame;
   std::string lidar_frame;
   RigidTransform T_camera_lidar = RigidTransform::Identity();
-};
-
-/// A change of verdict, as proto/calibd.idl defines it.
-struct DriftAlert {
-  WallTime stamp{};
-  std::uint64_t alert_sequence = 0;
-  std::string vehicle;
-  std::string pair;
-  Verdict verdict = Verdict::not_evaluated;
-  Verdict previous_verdict = Verdict::not_evaluated;
-  std::string reason;
-  PairStatus::Misalignment misalignment;
-  std::uint64_t record_sequence = 0;
 };
 
 /// Frees a message together with its strings and sequences, which Cyclone allocated.

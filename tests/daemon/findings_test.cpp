@@ -317,7 +317,7 @@ TEST_CASE("names from outside are bounded, and escaped in JSON") {
   silence(seen, "cloud");
   seen.writers.push_back({"dds:" + std::string(5000, 'x') + "\x1b[31m", cloud_type_name, true, ""});
   seen.writers.push_back({"/points", "\x1b[31mtype", true, ""});
-  const auto reply = to_json(DiagnosisReport{
+  const auto reply = encode_reply(DiagnosisReport{
       .checks = {{"front", finding(seen, "cloud")}, {"front", finding(seen, "image")}}, .overlays = {{"front", "/a.png"}}});
   const auto& json = reply["checks"][0];
   CHECK(json["code"] == "wrong_type");

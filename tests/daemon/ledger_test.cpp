@@ -62,7 +62,7 @@ TEST_CASE("a ledger opened again knows what was written, by pair") {
   state.evaluated = 7;
   {
     auto ledger = test::require_ok(garage.open());
-    CHECK(ledger.in_force("front") == nullptr);
+    CHECK(ledger.history("front").in_force() == nullptr);
     for (const char* pair : {"front", "rear"})
       REQUIRE(ledger.write(pair, state, {decided(Decision::initial, 1), {}}, moment));
     REQUIRE(ledger.write("front", state, {decided(Decision::rejected, 2), {}}, moment));
@@ -70,11 +70,11 @@ TEST_CASE("a ledger opened again knows what was written, by pair") {
   }
   const auto ledger = test::require_ok(garage.open());
   CHECK(ledger.next_sequence() == 5);
-  CHECK(ledger.in_force("front")->T_camera_lidar.translation().x() == 3);
-  CHECK(ledger.before_in_force("front")->T_camera_lidar.translation().x() == 1);
-  CHECK(ledger.initial("front")->sequence == 1);
-  CHECK(ledger.in_force("rear")->sequence == 2);
-  CHECK(ledger.before_in_force("rear") == nullptr);
+  CHECK(ledger.history("front").in_force()->T_camera_lidar.translation().x() == 3);
+  CHECK(ledger.history("front").before_in_force()->T_camera_lidar.translation().x() == 1);
+  CHECK(ledger.history("front").initial->sequence == 1);
+  CHECK(ledger.history("rear").in_force()->sequence == 2);
+  CHECK(ledger.history("rear").before_in_force() == nullptr);
   CHECK(test::require_ok(ledger.find("front", 3)).decision == Decision::rejected);
   CHECK(ledger.find("rear", 3).error().code == "record_not_found");
   CHECK(ledger.find("front", 9).error().code == "record_not_found");
@@ -91,22 +91,22 @@ TEST_CASE("a baseline belongs to an extrinsic, puts nothing in force, and is fou
   };
   {
     auto ledger = test::require_ok(garage.open());
-    CHECK(ledger.baseline("front") == nullptr);
+    CHECK(ledger.history("front").baseline() == nullptr);
     for (const CalibrationRecord& record :
          {decided(Decision::initial, 1), baseline(1, 20), baseline(1, 100), decided(Decision::accepted, 2)})
       REQUIRE(ledger.write("front", {}, {record, {}}, moment));
-    CHECK(ledger.in_force("front")->sequence == 4);
-    CHECK(ledger.baseline("front") == nullptr);
+    CHECK(ledger.history("front").in_force()->sequence == 4);
+    CHECK(ledger.history("front").baseline() == nullptr);
     REQUIRE(ledger.write("front", {}, {baseline(2, 21), {}}, moment));
-    CHECK(ledger.in_force("front")->sequence == 4);
-    CHECK(ledger.before_in_force("front")->sequence == 1);
-    CHECK(ledger.baseline("front")->baseline->pairs == 21);
+    CHECK(ledger.history("front").in_force()->sequence == 4);
+    CHECK(ledger.history("front").before_in_force()->sequence == 1);
+    CHECK(ledger.history("front").baseline()->baseline->pairs == 21);
     REQUIRE(ledger.write("front", {}, {decided(Decision::rolled_back, 1), {}}, moment));
   }
   const auto ledger = test::require_ok(garage.open());
-  CHECK(ledger.baseline("front")->sequence == 3);
-  CHECK(ledger.baseline("front")->baseline->pairs == 100);
-  CHECK(ledger.baseline("rear") == nullptr);
+  CHECK(ledger.history("front").baseline()->sequence == 3);
+  CHECK(ledger.history("front").baseline()->baseline->pairs == 100);
+  CHECK(ledger.history("rear").baseline() == nullptr);
 }
 
 TEST_CASE("an alert comes back as it was enqueued, numbered without a gap") {
@@ -141,7 +141,7 @@ TEST_CASE("what cannot be written whole is not written at all") {
   CHECK(ledger.next_sequence() == 2);
   CHECK(ledger.waiting_alert_count() == 0);
   CHECK(test::require_ok(ledger.state("front"))->evaluated == 1);
-  CHECK(ledger.in_force("front")->decision == Decision::initial);
+  CHECK(ledger.history("front").in_force()->decision == Decision::initial);
   REQUIRE(ledger.write("front", state, {decided(Decision::accepted, 2), {}}, moment));
   CHECK(test::require_ok(garage.open()).next_sequence() == 3);
 }

@@ -1,5 +1,5 @@
 #include "fuzz/fuzz.hpp"
-#include "ledger.hpp"
+#include "drift_alert.hpp"
 
 namespace calib::fuzz {
 

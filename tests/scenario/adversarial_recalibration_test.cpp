@@ -13,9 +13,9 @@
 #include <string_view>
 
 #include "calib_eval/footage.hpp"
-#include "pair_monitor.hpp"
 #include "scenario/adversities.hpp"
 #include "support/catch.hpp"
+#include "support/pair_loop.hpp"
 
 using namespace calib;
 using test::AdversePlace;
@@ -42,36 +42,36 @@ class GivenDepth : public DepthEstimator {
   const DepthMap& depth_;
 };
 
-/// The daemon's monitor of a pair. It takes whatever comes: its gates of quality are open, so that those of
+/// The daemon's pipeline of a pair. It takes whatever comes: its gates of quality are open, so that those of
 /// recalibration stand alone.
 class Watched {
  public:
-  Watched(const AdversePlace& place, bool depth_is_guessed, DriftState state)
-      : monitor(settings(depth_is_guessed), place.rig().camera, std::make_unique<GivenDepth>(depth_),
-                place.rig().T_camera_lidar, std::move(state)) {}
+  Watched(const AdversePlace& place, bool monocular_depth, DriftState drift)
+      : loop_(settings(place.rig().camera, monocular_depth), place.rig().T_camera_lidar, std::move(drift)) {}
 
   void see(test::Sample sample, Timestamp stamp) {
     sample.pair.image.stamp = sample.pair.scan.stamp = stamp;
-    depth_ = std::move(sample.depth);
-    (void)monitor.evaluate(sample.pair);  // a pair without overlap is refused
+    GivenDepth depth(sample.depth);
+    (void)loop_.evaluate(sample.pair, depth);  // a pair without overlap is refused
   }
+  [[nodiscard]] const DriftState& drift() const { return loop_.state().drift; }
+  /// Fails with `not_ready` until there are pairs enough of after it happened.
+  Result<Answer> recalibrate() { return loop_.decide(Recalibrate{.asked_by = "test", .dry_run = true}); }
 
  private:
-  static PairMonitorSettings settings(bool depth_is_guessed) {
-    PairMonitorSettings settings;
+  static PairSettings settings(const Camera& camera, bool monocular_depth) {
+    PairSettings settings{.vehicle = "car", .pair = "front", .camera = camera};
     settings.frames = 12;
+    settings.monocular_depth = monocular_depth;
     settings.drift.baseline_pairs = baseline_pairs;
-    settings.depth_is_guessed = depth_is_guessed;
     settings.quality.min_mean_grey = settings.quality.min_texture = settings.quality.min_scene_change = 0;
     settings.quality.max_saturated_share = 1;
     settings.quality.min_valid_depth = 0;
     settings.quality.min_points = 200;
     return settings;
   }
-  DepthMap depth_;
 
- public:
-  PairMonitor monitor;
+  test::PairLoop loop_;
 };
 
 /// Places, and what is normal there, are made once.
@@ -85,7 +85,7 @@ struct World {
       Watched sound(place(kind, seed), depth_is_guessed, {});
       for (int i = 0; i < baseline_pairs; ++i)
         sound.see(test::sound_sample(place(kind, seed), i, RigidTransform::Identity()), std::chrono::seconds(5 * i));
-      found->second = sound.monitor.drift().state();
+      found->second = sound.drift();
     }
     return found->second;
   }
@@ -167,23 +167,23 @@ Ending run(World& world, const Case& c) {
   const AdversePlace& place = world.place(c.place, c.seed);
   Watched watched(place, c.depth_is_guessed,
                   c.from_start ? DriftState{} : world.baseline(c.place, c.seed, c.depth_is_guessed));
-  // Until there are pairs enough of after it happened.
-  for (int i = 0; i < most_pairs && !watched.monitor.can_recalibrate(); ++i) {
+  Result<Answer> outcome = watched.recalibrate();
+  for (int i = 0; i < most_pairs && !outcome && outcome.error().code == "not_ready"; ++i) {
     Random constant(mix(c.key, 1)), changing(mix(c.key, 2, i));
     test::Sample sample = test::sound_sample(place, baseline_pairs + i, c.motion);
     c.adversity.spoil(sample, {place, c.motion, baseline_pairs + i}, constant, changing);
     watched.see(std::move(sample), std::chrono::seconds(1000 + 5 * i));
+    outcome = watched.recalibrate();
   }
-  const auto outcome = watched.monitor.recalibrate();
   Ending ending;
   ending.before_rad = ending.after_rad = mean_angle_off(place, c.motion, place.rig().T_camera_lidar);
   if (!outcome) {
     ending.reason = "too few pairs: " + outcome.error().context;
     return ending;
   }
-  ending.accepted = outcome->result.accepted;
-  ending.reason = outcome->result.reason;
-  ending.after_rad = mean_angle_off(place, c.motion, outcome->result.T_camera_lidar);
+  ending.accepted = outcome->result->accepted;
+  ending.reason = outcome->reason;
+  ending.after_rad = mean_angle_off(place, c.motion, outcome->result->T_camera_lidar);
   return ending;
 }
 

@@ -69,19 +69,19 @@ TEST_CASE(
   REQUIRE(scenario.records(Decision::proposed) == 1);
   // Somebody has put the LiDAR back, and somebody else accepts what was proposed before.
   scenario.drive_until(Verdict::calibrated, 60);
-  REQUIRE(scenario.watch().accept("uid:7").at("answer") == "accepted");
+  REQUIRE(scenario.accept());
   CHECK(scenario.error_deg(Vector6::Zero()) > 0.7);
   scenario.drive(4);
   CHECK_THAT(scenario.reason(), ContainsSubstring("learning the baseline: 4 of 20 pairs; the extrinsic of record "));
   CHECK_THAT(scenario.reason(), ContainsSubstring(" is on probation"));
   scenario.restart();
-  CHECK(scenario.watch().state().probation->pairs == 4);
+  CHECK(scenario.state().probation->pairs == 4);
   scenario.drive(4);
   CHECK(scenario.records(Decision::rolled_back) == 1);
   CHECK_THAT(scenario.reason(Decision::rolled_back),
-             ContainsSubstring("has not stood its probation: surely worse: over"));
+             ContainsSubstring("has not passed its probation: surely worse: over"));
   CHECK(scenario.error_deg(Vector6::Zero()) < 1e-6);
-  CHECK(scenario.watch().state().refusals == 1);
+  CHECK(scenario.state().refusals == 1);
   scenario.drive(least_pairs_to_confirm);
   CHECK(scenario.verdict() == Verdict::calibrated);
   CHECK(scenario.records(Decision::baseline) == 0);  // that of before is good enough
@@ -107,7 +107,7 @@ TEST_CASE("a restart in the middle of a drift forgets no evidence, and claims no
   const World knocked{.motion = moved(0, 0.3, 0)};
   const auto evidence = [](PairScenario& scenario) {
     PairState only;
-    only.drift = scenario.watch().state().drift;
+    only.drift = scenario.state().drift;
     return to_text(only);
   };
   for (int window = 0; window < 40; ++window) {
@@ -150,8 +150,8 @@ TEST_CASE("when the saved state cannot be trusted the signed baseline is gone on
 TEST_CASE("evidence that was measured with something else is set aside, and never signed as a baseline") {
   PairScenario scenario({.learned = false});
   scenario.drive(19);
-  const std::string other(64, 'f');
-  scenario.restart("", other);
+  const std::string before = scenario.state().evidence_sha256;
+  scenario.restart("", "another camera");
   REQUIRE(scenario.journal().size() == 1);
   CHECK_THAT(scenario.journal()[0], ContainsSubstring("another configuration, depth model or calibd; the baseline is "
                                                       "learned anew"));
@@ -160,7 +160,8 @@ TEST_CASE("evidence that was measured with something else is set aside, and neve
   scenario.drive(1);
   CHECK(scenario.records(Decision::baseline) == 1);
   CHECK(scenario.verdict() == Verdict::calibrated);
-  CHECK(scenario.last_record().evidence_sha256 == other);
+  CHECK(scenario.last_record().evidence_sha256 == scenario.state().evidence_sha256);
+  CHECK(scenario.last_record().evidence_sha256 != before);
   // Back again: the baseline of the other one does not count either.
   scenario.restart("", std::string(64, 'e'));
   scenario.drive(10);
@@ -183,7 +184,7 @@ TEST_CASE("a drift is not forgotten with its evidence, until an extrinsic is put
   scenario.drive(10, knocked);
   REQUIRE(scenario.status().verdict != Verdict::calibrated);
   // Somebody has looked, and confirms what is in force.
-  REQUIRE(scenario.watch().roll_back(1U, "uid:7").at("answer") == "rolled_back");
+  REQUIRE(scenario.roll_back(1));
   CHECK(scenario.drive_until(Verdict::calibrated, 60, knocked) <= 60);
 }
 
@@ -192,9 +193,9 @@ TEST_CASE("an extrinsic that has stood its probation is not put on probation aga
   const World knocked{.motion = moved(0, 0, 1)};
   scenario.drive(80, knocked);
   REQUIRE(scenario.records(Decision::accepted) == 1);
-  REQUIRE_FALSE(scenario.watch().state().probation);
+  REQUIRE_FALSE(scenario.state().probation);
   scenario.restart(GENERATE("", "UPDATE state SET json = 'spoilt'"), std::string(64, 'f'));
-  CHECK_FALSE(scenario.watch().state().probation);
+  CHECK_FALSE(scenario.state().probation);
   scenario.drive(40, knocked);
   CHECK(scenario.records(Decision::rolled_back) == 0);
   CHECK(scenario.verdict() == Verdict::calibrated);
@@ -204,7 +205,8 @@ TEST_CASE("a record that was cut off is noticed, and evidence of later than the 
   PairScenario scenario;
   scenario.restart("DELETE FROM record WHERE sequence = (SELECT max(sequence) FROM record)");
   REQUIRE(scenario.status().verdict == Verdict::not_evaluated);
-  CHECK_THAT(scenario.journal().at(0), ContainsSubstring("is of another time than the records"));
+  CHECK_THAT(scenario.journal().at(0), ContainsSubstring("records 3 to 3, which calibd had written, are missing"));
+  CHECK_THAT(scenario.journal().at(1), ContainsSubstring("is of another time than the records"));
   CHECK(scenario.drive_until(Verdict::calibrated, 5) <= 5);
   scenario.drive(120);
   CHECK_THAT(scenario.last_record().reason, ContainsSubstring(", which calibd had written, are missing"));
@@ -212,20 +214,17 @@ TEST_CASE("a record that was cut off is noticed, and evidence of later than the 
 
 TEST_CASE("what was in force can be again, and nothing else") {
   PairScenario scenario;
-  const auto code = [&](const nlohmann::json& to) {
-    return scenario.watch().roll_back(to, "uid:7").value("code", "done");
-  };
-  CHECK(code(nullptr) == "not_found");
-  CHECK(code(2U) == "bad_request");  // a baseline
-  CHECK(code(99U) == "not_found");
-  CHECK(code("1") == "bad_request");
+  CHECK(scenario.roll_back().error().code == "not_found");
+  CHECK(scenario.roll_back(2).error().code == "bad_request");  // a baseline
+  CHECK(scenario.roll_back(99).error().code == "not_found");
+  CHECK(scenario.accept().error().code == "not_found");
   const World knocked{.motion = moved(0, 0, 1)};
   scenario.drive(80, knocked);
   REQUIRE(scenario.records(Decision::accepted) == 1);
   CHECK(scenario.verdict() == Verdict::calibrated);
-  CHECK(code(nullptr) == "done");
+  CHECK(require_ok(scenario.roll_back()).decision == Decision::rolled_back);
   CHECK(scenario.verdict() == Verdict::not_evaluated);
-  CHECK_FALSE(scenario.watch().state().probation);
+  CHECK_FALSE(scenario.state().probation);
   // Against the baseline of then the knock shows at once.
   CHECK(scenario.drive_until(Verdict::drifted, 20, knocked) <= 8);
 }

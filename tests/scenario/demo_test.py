@@ -1,4 +1,4 @@
-"""The demonstration works: what README's first screen promises happens, and what must not happen is said."""
+"""The demo does what the first screen of README promises, and fails with a message when a step of it does not happen."""
 
 import os
 import pathlib
@@ -21,8 +21,12 @@ def check_summary(result, largest_error_deg, out):
     error_deg = float(re.search(r"recalibrated\s+([\d.]+) degrees", summary).group(1))
     assert error_deg <= largest_error_deg, summary
     assert re.search(r"record\s+\d+, signed by [0-9A-F]{16}, verified", summary)
-    for name in ("before.png", "after.png"):
-        assert (out / name).read_bytes().startswith(b"\x89PNG")
+    picture = out / "before-after.png"
+    assert re.search(rf"picture\s+{re.escape(str(picture))}\n", summary)
+    header = picture.read_bytes()[:24]
+    assert header.startswith(b"\x89PNG\r\n\x1a\n")
+    width, height = (int.from_bytes(header[at:at + 4], "big") for at in (16, 20))
+    assert width >= 1200 and height >= 600, "two halves, each enlarged"
 
 
 @pytest.mark.parametrize("depth", ["stereo", "network"])
@@ -34,7 +38,7 @@ def test_a_knock_of_the_recorded_vehicle_is_found_and_corrected(source_dir, bin_
     check_summary(demo(source_dir, bin_dir, dds_domain, tmp_path, "--kitti", kitti_drive), 0.35, tmp_path)
 
 
-def test_a_daemon_that_ends_fails_the_demo_with_its_words(source_dir, bin_dir, dds_domain, tmp_path):
+def test_a_daemon_that_ends_fails_the_demo_with_its_error_output(source_dir, bin_dir, dds_domain, tmp_path):
     programs = tmp_path / "bin"
     programs.mkdir()
     for name in ("calibctl", "calib-sim"):

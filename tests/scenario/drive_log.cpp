@@ -49,6 +49,10 @@ class Log {
   std::size_t told_ = 0;
 };
 
+void tell(const Result<Answer>& answer) {
+  std::printf("%s\n", answer ? to_string(answer->decision).data() : answer.error().context.c_str());
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -66,9 +70,9 @@ int main(int argc, char** argv) {
     log.drive(40);
     log.drive(40, knocked);
     log.drive(30);
-    std::printf("%s\n", log.scenario().accept("uid:7").c_str());
+    tell(log.scenario().accept());
     log.drive(30);
-    std::printf("%s\n", log.scenario().roll_back({}, "uid:7").c_str());
+    tell(log.scenario().roll_back());
     log.drive(6);
   }
   {

@@ -1,5 +1,5 @@
 // Faults in random order and combination: whoever reads a status, in whatever way, never sees `calibrated` when there
-// is no evidence for it. The watch, its ledger, its store and the status' readers are the real ones; sensors are a
+// is no evidence for it. The service, its ledger, its store and the status' readers are the real ones; sensors are a
 // number of degrees, and clocks are turned by hand.
 #include <sqlite3.h>
 #include <sys/resource.h>
@@ -10,8 +10,9 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "pair_watch.hpp"
+#include "service.hpp"
 #include "support/catch.hpp"
+#include "support/quiet_network.hpp"
 #include "support/support.hpp"
 #include "vehicle/random.hpp"
 
@@ -38,13 +39,9 @@ class FullDisk {
   }
 };
 
-class NoDepth final : public DepthEstimator {
-  Result<DepthMap> estimate(const FramePair&) override { return fail("depth_failed", "is not asked"); }
-};
-
 /// A parabola whose top is `off` of the LiDAR's place, per axis.
-PairMonitor::Evidence evidence_at(Timestamp stamp, const Vector6& off, vehicle::Random& random) {
-  PairMonitor::Evidence evidence;
+Measurement measurement_at(Timestamp stamp, const Vector6& off, vehicle::Random& random) {
+  Measurement evidence;
   evidence.features.stamp = stamp;
   evidence.stencil.current = 1.3 + 0.005 * random.gaussian();
   evidence.response = Matrix6::Zero();
@@ -76,6 +73,7 @@ class Vehicle {
     require_ok(SigningKey::generate().save(folder_.path() / "signing.key"));
     for (const char* name : {"state", "head", "copy"}) std::filesystem::create_directory(folder_.path() / name);
     config_.vehicle = "car";
+    config_.state_dir = folder_.path() / "state";
     config_.sampling = {.period = period, .window = window};
     const auto camera = require_ok(Camera::make(CameraModel::rectified, 640, 192, {400, 400, 320, 96}));
     config_.pairs.push_back({.name = "front",
@@ -139,7 +137,7 @@ class Vehicle {
   void look() {
     if (truth_.running) {
       collect();
-      check(watch_->status().verdict, "the daemon", truth_);
+      check(service_->status().pairs.at(0).verdict, "the daemon", truth_);
     }
     if (snapshot_.empty()) return;
     Status read = require_ok(parse_status(nlohmann::json::parse(snapshot_)));
@@ -147,7 +145,7 @@ class Vehicle {
     check(read.pairs[0].verdict, "the snapshot", snapshot_truth_);
   }
 
-  [[nodiscard]] std::string reason() const { return watch_->status().reason; }
+  [[nodiscard]] std::string reason() const { return service_->status().pairs.at(0).reason; }
   std::uint64_t seen_calibrated = 0;
   std::string history;
 
@@ -183,9 +181,7 @@ class Vehicle {
   }
   /// What a status would hold, taken whenever something has changed.
   void collect() {
-    Status status;
-    status.pairs = {watch_->status()};
-    snapshot_ = to_json(status).dump();
+    snapshot_ = to_json(service_->status()).dump();
     snapshot_truth_ = truth_;
     snapshot_measured_with_ = measured_with_;
   }
@@ -197,14 +193,15 @@ class Vehicle {
     std::optional<FullDisk> full;
     if (full_disk_) full.emplace();
     if (sensors) {
-      watch_->observe(evidence_at(now_.wall, Vector6::Zero(), random_), now_);
+      Measurement measurement = measurement_at(now_.wall, Vector6::Zero(), random_);
+      measurement.received = now_.since_boot;
+      service_->conclude(0, std::move(measurement));
       ++truth_.pairs_of_run;
       ++truth_.pairs_with[measured_with_];
       truth_.last_pair = steady_;
     } else {
-      watch_->skip({"sensor_silent", "the camera is silent"});
+      service_->conclude(0, Skip{{"sensor_silent", "the camera is silent"}});
     }
-    watch_->conclude();
     truth_.last_write_worked = truth_.store_works && !full_disk_;
     full.reset();
     look();
@@ -212,8 +209,7 @@ class Vehicle {
 
   template <typename Meanwhile>
   void restart(Meanwhile meanwhile) {
-    watch_.reset();
-    ledger_.reset();
+    service_.reset();
     truth_.running = false;
     history += "stop ";
     meanwhile();
@@ -231,15 +227,11 @@ class Vehicle {
     auto ledger = Ledger::open(folder_.path() / "state", folder_.path() / "head",
                                require_ok(SigningKey::load(folder_.path() / "signing.key")), provenance);
     if (!ledger) return;
-    ledger_.emplace(std::move(*ledger));
-    const PairListener silent{.alert = [](const DriftAlert&) {},
-                              .journal = [](int, std::string_view, const std::string&) {},
-                              .extrinsic_changed = [] {}};
-    auto watch = PairWatch::take_over(
-        config_, config_.pairs[0], sha256_hex(measured_with_), std::make_unique<NoDepth>(), *ledger_,
-        [this] { return now_; }, silent);
-    if (!watch) return;
-    watch_ = std::move(*watch);
+    config_.pairs[0].evidence_text = measured_with_;
+    auto service = Service::make(config_, std::move(*ledger), std::make_unique<test::QuietNetwork>(),
+                                 {.clock = [this] { return now_; }, .log = [](int, auto, auto) {}, .make_depth = {}});
+    if (!service) return;
+    service_ = std::move(*service);
     truth_.running = true;
   }
 
@@ -264,8 +256,7 @@ class Vehicle {
   Moment now_{1'800'000'000s, 100s};
   std::chrono::nanoseconds steady_{};
   bool full_disk_ = false;
-  std::optional<Ledger> ledger_;
-  std::unique_ptr<PairWatch> watch_;
+  std::unique_ptr<Service> service_;
   Truth truth_, snapshot_truth_;
   std::string snapshot_;
 };

@@ -14,7 +14,7 @@ TEST_CASE("a vehicle that is new learns its baseline, signs it twice, and then s
   CHECK(scenario.records(Decision::baseline) == 1);
   scenario.drive(180);
   CHECK(scenario.verdict() == Verdict::calibrated);
-  INFO(scenario.watch().state().drift.baseline.pairs << " pairs");
+  INFO(scenario.state().drift.baseline.pairs << " pairs");
   CHECK((scenario.alerts() == 1 && scenario.alerts(Verdict::calibrated) == 1));
   CHECK(scenario.records(Decision::initial) == 1);
   CHECK(scenario.records(Decision::baseline) == 2);
@@ -64,7 +64,7 @@ TEST_CASE("half a degree about any axis is noticed at once, and put right") {
   CHECK(scenario.records(Decision::rolled_back) == 0);
   CHECK(scenario.records(Decision::baseline) == 1);
   CHECK(scenario.error_deg(motion) < 0.2);
-  CHECK_FALSE(scenario.watch().state().probation);
+  CHECK_FALSE(scenario.state().probation);
 }
 
 TEST_CASE("ten centimetres along any axis are noticed, or it is said that they are not") {

@@ -8,13 +8,13 @@ using namespace calib::test;
 
 TEST_CASE("a week of driving raises no alert, and the knock at its end does") {
   PairScenario scenario({.learned = false});
-  std::vector<PairMonitor::Evidence> good, knocked;
+  std::vector<Measurement> good, knocked;
   for (int frame = 0; frame < Block::frames; ++frame) {
     good.push_back(scenario.measure(frame, {}));
     knocked.push_back(scenario.measure(frame, {.motion = moved(0, 0.5, 0)}));
   }
   vehicle::Random random(7);
-  const auto drive = [&](const std::vector<PairMonitor::Evidence>& pairs, int windows) {
+  const auto drive = [&](const std::vector<Measurement>& pairs, int windows) {
     // Some frames in turn, as one drives, then from somewhere else.
     for (int i = 0, frame = 0; i < windows; ++i) {
       frame = random.chance(0.2F) ? random.below(Block::frames) : (frame + 1) % Block::frames;

@@ -3,6 +3,8 @@
 #include <sqlite3.h>
 
 #include "calib/depth_stereo.hpp"
+#include "dataset/recording.hpp"
+#include "support/quiet_network.hpp"
 
 namespace calib::test {
 namespace {
@@ -96,13 +98,60 @@ class PairScenario::StereoCamera final : public DepthEstimator {
   std::unique_ptr<DepthEstimator> stereo_;
 };
 
-PairScenario::PairScenario(const Settings& settings) {
+/// What the vehicle sends while a window is open: one image of each camera and one scan, at once.
+class PairScenario::Window final : public SampleSource {
+ public:
+  explicit Window(PairScenario& scenario) : scenario_(scenario) {}
+
+  Result<std::vector<Sample>> wait(std::chrono::nanoseconds timeout) override {
+    std::vector<Sample> sent;
+    if (!std::exchange(sent_, true)) {
+      FramePair pair = samples(scenario_.windows_ * period, scenario_.world_);
+      if (scenario_.world_.camera) {
+        sent.emplace_back(RightImage{std::move(*pair.right_image)});
+        sent.emplace_back(LeftImage{std::move(pair.image)});
+      }
+      if (scenario_.world_.lidar) {
+        DecodedCloud cloud;
+        static_cast<LidarScan&>(cloud) = std::move(pair.scan);
+        sent.emplace_back(std::move(cloud));
+      }
+    } else {
+      scenario_.now_.wall += timeout;
+      scenario_.now_.since_boot += timeout;
+    }
+    return sent;
+  }
+
+ private:
+  PairScenario& scenario_;
+  bool sent_ = false;
+};
+
+class PairScenario::Sensors final : public QuietNetwork {
+ public:
+  explicit Sensors(PairScenario& scenario) : scenario_(scenario) {}
+
+  Result<std::unique_ptr<SampleSource>> open_window(const PairTopics&) override {
+    return std::make_unique<Window>(scenario_);
+  }
+  Result<void> publish_alert(const DriftAlert& alert) override {
+    scenario_.alerts_.push_back(alert.verdict);
+    return {};
+  }
+
+ private:
+  PairScenario& scenario_;
+};
+
+PairScenario::PairScenario(const Settings& settings) : other_program_(nullptr, &sqlite3_close) {
   const vehicle::Vehicle& vehicle = Block::instance().vehicle;
   config_.vehicle = "car";
   config_.sha256 = provenance.configuration_sha256;
   const StereoDepthConfig stereo{.right_image = "/right",
                                  .right_camera = rectified_right_camera(vehicle.camera, vehicle.baseline_m),
                                  .right_info = {}};
+  config_.state_dir = config_.head_dir = config_.runtime_dir = folder_.path();
   config_.pairs.push_back({.name = "front",
                            .camera = {.image = "/image", .info = {}, .camera = vehicle.camera},
                            .lidar = {.cloud = "/cloud"},
@@ -110,12 +159,13 @@ PairScenario::PairScenario(const Settings& settings) {
                            .depth = stereo,
                            .depth_range = {0.5, 200},
                            .drift = {},
-                           .recalibration = {.mode = settings.mode, .frames = 16}});
+                           .recalibration = {.mode = settings.mode, .frames = 16},
+                           .evidence_text = std::string(64, 'e')});
   if (settings.learned) {
     for (const auto& file : std::filesystem::directory_iterator(school()))
       std::filesystem::copy(file.path(), folder_.path());
     windows_ = school_windows;
-    now_.wall += school_windows * period;
+    start_.since_boot -= school_windows * period;  // the machine was started again since
   } else {
     require_ok(SigningKey::generate().save(folder_.path() / "signing.key"));
   }
@@ -124,35 +174,39 @@ PairScenario::PairScenario(const Settings& settings) {
   drive(least_pairs_to_confirm);  // this run has to see for itself
   alerts_.clear();
   journal_.clear();
-  first_record_ = ledger_->next_sequence();
+  first_record_ = service_->ledger().next_sequence();
 }
 
 PairScenario::~PairScenario() = default;
 
 void PairScenario::open() {
-  ledger_.emplace(require_ok(Ledger::open(folder_.path(), folder_.path(),
-                                          require_ok(SigningKey::load(folder_.path() / "signing.key")), provenance)));
-  const PairListener listener{
-      .alert = [this](const DriftAlert& alert) { alerts_.push_back(alert.verdict); },
-      .journal = [this](int, std::string_view, const std::string& text) { journal_.push_back(text); },
-      .extrinsic_changed = [] {}};
-  watch_ = require_ok(PairWatch::take_over(
-      config_, config_.pairs[0], evidence_sha256_, std::make_unique<StereoCamera>(world_), *ledger_,
-      [this] { return now_; }, listener));
+  now_ = {start_.wall + windows_ * period, start_.since_boot + windows_ * period};
+  auto ledger = require_ok(Ledger::open(folder_.path(), folder_.path(),
+                                        require_ok(SigningKey::load(folder_.path() / "signing.key")), provenance));
+  const std::size_t before = alerts_.size();
+  service_ = require_ok(Service::make(
+      config_, std::move(ledger), std::make_unique<Sensors>(*this),
+      {.clock = [this] { return now_; },
+       .log = [this](int, std::string_view, std::string_view text) { journal_.emplace_back(text); },
+       .make_depth = [this](const PairConfig&) -> Result<std::unique_ptr<DepthEstimator>> {
+         return std::make_unique<StereoCamera>(world_);
+       }}));
+  // Those that were sent before are sent again.
+  const auto sent = std::min(before, alerts_.size() - before);
+  alerts_.erase(alerts_.begin() + static_cast<std::ptrdiff_t>(before),
+                alerts_.begin() + static_cast<std::ptrdiff_t>(before + sent));
 }
 
 void PairScenario::save(const std::filesystem::path& folder) {
-  watch_.reset();
-  ledger_.reset();
+  service_.reset();
   for (const auto& file : std::filesystem::directory_iterator(folder_.path()))
     std::filesystem::copy(file.path(), folder);
   open();
 }
 
-void PairScenario::restart(const std::string& sql, const std::string& evidence_sha256) {
-  if (!evidence_sha256.empty()) evidence_sha256_ = evidence_sha256;
-  watch_.reset();
-  ledger_.reset();
+void PairScenario::restart(const std::string& sql, const std::string& evidence_text) {
+  if (!evidence_text.empty()) config_.pairs[0].evidence_text = evidence_text;
+  service_.reset();
   if (!sql.empty()) {
     sqlite3* database = nullptr;
     sqlite3_open((folder_.path() / "calibd.db").c_str(), &database);
@@ -163,14 +217,14 @@ void PairScenario::restart(const std::string& sql, const std::string& evidence_s
   open();
 }
 
-std::string PairScenario::accept(const std::string& asked_by) {
-  const auto reply = watch_->accept(asked_by);
-  return reply.value("answer", reply.value("message", ""));
-}
-
-std::string PairScenario::roll_back(std::optional<std::uint64_t> to_record, const std::string& asked_by) {
-  const auto reply = watch_->roll_back(to_record ? nlohmann::json(*to_record) : nlohmann::json(), asked_by);
-  return reply.value("answer", reply.value("message", ""));
+void PairScenario::lock_store(bool locked) {
+  other_program_.reset();
+  if (!locked) return;
+  sqlite3* database = nullptr;
+  sqlite3_open((folder_.path() / "calibd.db").c_str(), &database);
+  other_program_.reset(database);
+  if (sqlite3_exec(database, "BEGIN IMMEDIATE", nullptr, nullptr, nullptr) != SQLITE_OK)
+    throw std::runtime_error("SQLite does not lock the store");
 }
 
 void PairScenario::drive(int windows, const Course& course) {
@@ -183,42 +237,30 @@ int PairScenario::drive_until(Verdict wanted, int most, const Course& course) {
   return windows;
 }
 
-void PairScenario::pass_time() {
-  ++windows_;
-  now_.wall += period;
-  now_.since_boot += period;
-}
-
-PairMonitor::Evidence PairScenario::measure(int frame, const World& world) {
+void PairScenario::pass_time(const World& world) {
   world_ = world;
-  const PairConfig& pair = config_.pairs[0];
-  PairMonitor monitor({}, pair.camera.camera, std::make_unique<StereoCamera>(world_), pair.T_camera_lidar, {});
-  return require_ok(monitor.measure(samples(frame * period, world)));
+  ++windows_;
+  now_ = {start_.wall + windows_ * period, start_.since_boot + windows_ * period};
 }
 
-void PairScenario::observe(PairMonitor::Evidence evidence) {
+Measurement PairScenario::measure(int frame, const World& world) {
+  world_ = world;
+  PairState state;
+  state.T_camera_lidar = config_.pairs[0].T_camera_lidar;
+  StereoCamera depth(world_);
+  return require_ok(service_->pipeline(0).measure(samples(frame * period, world), state, depth));
+}
+
+void PairScenario::observe(Measurement measurement) {
   pass_time();
-  evidence.features.stamp = windows_ * period;
-  watch_->observe(std::move(evidence), now_);
-  watch_->conclude();
+  measurement.features.stamp = windows_ * period;
+  measurement.received = now_.since_boot;
+  service_->conclude(0, std::move(measurement));
 }
 
 void PairScenario::sample(const World& world) {
-  world_ = world;
-  pass_time();
-  PairBuffer buffer(config_.sampling.max_time_difference, {.right_image = true});
-  FramePair sent = samples(windows_ * period, world);
-  if (world.camera) {
-    buffer.add_right_image(std::move(*sent.right_image));
-    buffer.add_image(std::move(sent.image));
-  }
-  if (world.lidar) buffer.add_scan(std::move(sent.scan));
-  const auto pair = buffer.take();
-  if (!pair)
-    watch_->skip(buffer.why_none());
-  else if (const auto evaluated = watch_->evaluate(*pair); !evaluated)
-    watch_->skip(evaluated.error());
-  watch_->conclude();
+  pass_time(world);
+  service_->sample(0);
 }
 
 FramePair PairScenario::samples(Timestamp stamp, const World& world) {
@@ -238,30 +280,32 @@ int PairScenario::alerts(Verdict verdict) const { return static_cast<int>(std::r
 
 int PairScenario::records(Decision decision) const {
   int count = 0;
-  for (std::uint64_t i = first_record_; i < ledger_->next_sequence(); ++i)
-    count += require_ok(ledger_->find("front", i)).decision == decision;
+  const Ledger& ledger = service_->ledger();
+  for (std::uint64_t i = first_record_; i < ledger.next_sequence(); ++i)
+    count += require_ok(ledger.find("front", i)).decision == decision;
   return count;
 }
 
 CalibrationRecord PairScenario::last_record() const {
-  return require_ok(ledger_->find("front", ledger_->next_sequence() - 1));
+  return require_ok(service_->ledger().find("front", service_->ledger().next_sequence() - 1));
 }
 
 std::string PairScenario::reason(Decision decision) const {
   std::string last;
-  for (std::uint64_t i = first_record_; i < ledger_->next_sequence(); ++i)
-    if (const auto record = require_ok(ledger_->find("front", i)); record.decision == decision) last = record.reason;
+  const Ledger& ledger = service_->ledger();
+  for (std::uint64_t i = first_record_; i < ledger.next_sequence(); ++i)
+    if (const auto record = require_ok(ledger.find("front", i)); record.decision == decision) last = record.reason;
   return last;
 }
 
 std::uint64_t PairScenario::skipped(const std::string& code) const {
-  const auto found = watch_->state().skipped.find(code);
-  return found == watch_->state().skipped.end() ? 0 : found->second;
+  const auto found = state().skipped.find(code);
+  return found == state().skipped.end() ? 0 : found->second;
 }
 
 double PairScenario::error_deg(const Vector6& motion) const {
   const RigidTransform truth = Block::instance().vehicle.T_camera_lidar * perturbation(motion);
-  return rotation_angle_rad(truth.inverse() * watch_->status().T_camera_lidar) / radians_per_degree;
+  return rotation_angle_rad(truth.inverse() * state().T_camera_lidar) / radians_per_degree;
 }
 
 }  // namespace calib::test

@@ -1,15 +1,16 @@
 #pragma once
 
+#include <filesystem>
 #include <functional>
-#include <map>
 #include <memory>
 #include <string>
 #include <vector>
 
-#include "calib/pairing.hpp"
-#include "pair_watch.hpp"
+#include "service.hpp"
 #include "support/support.hpp"
 #include "vehicle/vehicle.hpp"
+
+struct sqlite3;
 
 namespace calib::test {
 
@@ -44,8 +45,8 @@ struct World {
 [[nodiscard]] Vector6 moved(double roll_deg, double pitch_deg, double yaw_deg, double x_cm = 0, double y_cm = 0,
                             double z_cm = 0);
 
-/// One pair of sensors, watched as calibd does: the simulated vehicle's samples, put together, evaluated and decided
-/// about by the real parts, with a real ledger in a temporary folder; a pair every ten seconds of a clock of its own.
+/// calibd's own service with one pair of sensors, in this process: the simulated vehicle's samples instead of DDS, a clock of
+/// its own, a pair every ten seconds of it, and a real store in a temporary folder.
 class PairScenario {
  public:
   struct Settings {
@@ -71,14 +72,16 @@ class PairScenario {
     return drive_until(verdict, most, [&](double) { return world; });
   }
   /// What a frame of the block shows in this world to a pair that still learns, and a window in which just that comes.
-  [[nodiscard]] PairMonitor::Evidence measure(int frame, const World& world);
-  void observe(PairMonitor::Evidence evidence);
-  /// calibd ends and starts again. `sql` is done to its store in between; with another digest it measures with
-  /// something else from then on.
-  void restart(const std::string& sql = "", const std::string& evidence_sha256 = "");
-  /// What the control socket answers: "accepted", or why not.
-  std::string accept(const std::string& asked_by);
-  std::string roll_back(std::optional<std::uint64_t> to_record, const std::string& asked_by);
+  [[nodiscard]] Measurement measure(int frame, const World& world);
+  void observe(Measurement measurement);
+  /// calibd ends and starts again. `sql` is done to its store in between; with another text it measures with something
+  /// else from then on.
+  void restart(const std::string& sql = "", const std::string& evidence_text = "");
+  /// What is asked for at the control socket.
+  Result<Answer> accept() { return service_->accept(0, "uid:7"); }
+  Result<Answer> roll_back(std::optional<std::uint64_t> to = {}) { return service_->roll_back(0, to, "uid:7"); }
+  /// Another program keeps the store to itself, or lets go of it.
+  void lock_store(bool locked);
   /// Leaves a copy of the store and its key in `folder`.
   void save(const std::filesystem::path& folder);
 
@@ -91,10 +94,13 @@ class PairScenario {
   [[nodiscard]] CalibrationRecord last_record() const;
   [[nodiscard]] const std::vector<std::string>& journal() const { return journal_; }
 
-  [[nodiscard]] PairWatch& watch() { return *watch_; }
-  [[nodiscard]] PairStatus status() const { return watch_->status(); }
-  [[nodiscard]] Verdict verdict() const { return watch_->state().verdict; }
-  [[nodiscard]] const std::string& reason() const { return watch_->state().reason; }
+  /// To the next window, of this world.
+  void pass_time(const World& world = {});
+  [[nodiscard]] Service& service() { return *service_; }
+  [[nodiscard]] const PairState& state() const { return service_->state(0); }
+  [[nodiscard]] PairStatus status() const { return service_->status().pairs.at(0); }
+  [[nodiscard]] Verdict verdict() const { return state().verdict; }
+  [[nodiscard]] const std::string& reason() const { return state().reason; }
   [[nodiscard]] std::uint64_t skipped(const std::string& code) const;
   /// Angle, degrees, between the extrinsic in force and where a LiDAR is that has moved by `motion`.
   [[nodiscard]] double error_deg(const Vector6& motion) const;
@@ -102,19 +108,19 @@ class PairScenario {
 
  private:
   class StereoCamera;
+  class Sensors;
+  class Window;
   void open();
   void sample(const World& world);
   [[nodiscard]] static FramePair samples(Timestamp stamp, const World& world);
-  void pass_time();
 
   TemporaryFolder folder_;
   Config config_;
-  std::string evidence_sha256_ = std::string(64, 'e');
   World world_;  // at present
-  std::optional<Ledger> ledger_;
-  std::unique_ptr<PairWatch> watch_;
-  Moment now_{std::chrono::seconds(1'800'000'000), std::chrono::seconds(100)};
-  int windows_ = 0;
+  std::unique_ptr<Service> service_;
+  std::unique_ptr<sqlite3, int (*)(sqlite3*)> other_program_;
+  Moment start_{std::chrono::seconds(1'800'000'000), std::chrono::seconds(100)}, now_ = start_;
+  int windows_ = 0;  // so far
   std::uint64_t first_record_ = 1;
   std::vector<Verdict> alerts_;
   std::vector<std::string> journal_;

@@ -1,0 +1,225 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "baseline_record.hpp"
+#include "message_ids.hpp"
+#include "pair_pipeline.hpp"
+
+namespace calib {
+namespace {
+
+/// An extrinsic on probation that does worse than the one it replaced is given up early, when that is significant; at the
+/// end it has to do better.
+constexpr int least_probation_pairs = 5;
+constexpr double surely_worse_sigmas = 3, better_sigmas = 2;
+
+/// What a message was refused for was counted message by message.
+bool counted_on_arrival(std::string_view code) {
+  return code.starts_with("malformed:") || code == "image_size_mismatch" || code == "out_of_memory";
+}
+
+std::string_view message_id(const PairState& state) {
+  switch (state.verdict) {
+    case Verdict::drifted:
+      return message_ids::drifted;
+    case Verdict::suspect:
+      return message_ids::drift_suspected;
+    case Verdict::calibrated:
+      return message_ids::cleared;
+    case Verdict::not_evaluated:
+      break;
+  }
+  return state.reason.starts_with("sensor_silent") ? message_ids::sensor_silent : message_ids::not_evaluated;
+}
+
+std::string in_words(const Probation& probation) {
+  return fmt::format("over {} pairs the score is {:.4f} +/- {:.4f} {} that of the extrinsic before", probation.pairs,
+                     std::abs(probation.gain), probation.standard_error(), probation.gain < 0 ? "below" : "above");
+}
+
+void count_cycle(PairRun& run, std::chrono::nanoseconds now) {
+  if (run.last_window) run.cycles = {now - *run.last_window, run.cycles[0]};
+  run.last_window = now;
+}
+
+/// Why an extrinsic has not passed its probation; nothing when it has, or when that is open.
+std::optional<std::string> failed_probation(const Probation& probation, bool over) {
+  if (probation.pairs < least_probation_pairs) return std::nullopt;
+  if (!probation.exceeds(-surely_worse_sigmas) && !(over && !probation.exceeds(better_sigmas))) return std::nullopt;
+  return (over ? "not surely better: " : "surely worse: ") + in_words(probation);
+}
+
+}  // namespace
+
+PairDecision PairPipeline::decide(const PairState& state, Measurement measurement, const Now& now) const {
+  PairState after = state;
+  const Objective objective = drift_objective(settings_.monocular_depth);
+  if (after.probation)
+    after.probation->add(measurement.stencil.current -
+                         score(measurement.features, now.history.in_force()->T_camera_lidar_before, objective).value);
+  AxisEvidence evidence = axis_evidence(measurement.stencil, measurement.features.stamp);
+  evidence.response = measurement.response;
+  DriftMonitor monitor(settings_.drift, std::move(after.drift));
+  monitor.observe(evidence);
+  after.drift = monitor.state();
+  after.last_evaluated = now.time.wall;
+  ++after.evaluated;
+  after.last_stamp = measurement.features.stamp;
+  const DriftBaseline& baseline = after.drift.baseline;
+  after.score = PairStatus::Score{measurement.stencil.current, measurement.stencil.best_neighbour(),
+                                  baseline.pairs > 0 ? std::optional(baseline.score) : std::nullopt};
+  PairRun& run = after.run;
+  run.windows_without_evidence = 0;
+  ++run.pairs;
+  run.received = {now.boot_id, measurement.received};
+  run.last_scene = std::move(measurement.scene);
+  run.frames.push_back(std::make_shared<const FeatureSet>(std::move(measurement.features)));
+  if (run.frames.size() > wanted_frames()) run.frames.pop_front();
+  return conclude(state, std::move(after), now);
+}
+
+PairDecision PairPipeline::decide(const PairState& state, const Skip& skip, const Now& now) const {
+  PairState after = state;
+  after.run.windows_without_evidence += skip.windows;
+  after.run.last_skip = skip.error.code + ": " + escape_control(skip.error.context);
+  if (!counted_on_arrival(skip.error.code)) ++after.skipped[skip.error.code];
+  return conclude(state, std::move(after), now);
+}
+
+/// From the evidence so far to a verdict, a baseline, the end of a probation, or a recalibration.
+PairDecision PairPipeline::conclude(const PairState& before, PairState after, const Now& now) const {
+  PairDecision decision;
+  count_cycle(after.run, now.time.since_boot);
+  if (after.probation && after.run.windows_without_evidence == 0) {
+    const bool over = after.probation->pairs >= settings_.drift.baseline_pairs;
+    if (const auto why = failed_probation(*after.probation, over)) return end_probation(before, std::move(after), *why, now);
+    if (over) {
+      decision.journal.push_back({5, message_ids::probation_passed,
+                                  fmt::format("{}: the extrinsic of record {} has passed its probation: {}",
+                                              settings_.pair, now.history.in_force()->sequence,
+                                              in_words(*after.probation))});
+      after.probation.reset();
+      after.refusals = 0;
+    }
+  }
+  decision.record = baseline_due(after, now);
+  conclude_verdict(after, now);
+  decision.recalibration_due = after.verdict == Verdict::drifted && !after.proposed_record && !after.probation &&
+                               may_recalibrate(after, now) && eligible_frames(after).size() >= wanted_frames();
+  decision.state = std::move(after);
+  finish(decision, before, decision.state->drift, now);
+  if (decision.record)
+    decision.journal.push_back(
+        {5, message_ids::baseline_learned,
+         fmt::format("{}: {}, record {}", settings_.pair, decision.record->reason, now.next_sequence)});
+  return decision;
+}
+
+/// The verdict that the evidence calls for.
+void PairPipeline::conclude_verdict(PairState& after, const Now& now) const {
+  if (after.run.windows_without_evidence >= windows_to_stale) {
+    after.verdict = Verdict::not_evaluated;
+    after.reason = after.run.last_skip;
+    // Silence heals nothing.
+    if (const Verdict last = shown(after.drift.verdict); last == Verdict::drifted || last == Verdict::suspect)
+      after.reason += "; it was " + std::string(to_string(last)) + " when last evaluated";
+  } else if (after.run.windows_without_evidence == 0) {
+    after.verdict = shown(after.drift.verdict);
+    after.reason = DriftMonitor(settings_.drift, after.drift).reason();
+    if (after.verdict == Verdict::drifted)
+      after.reason += "; pairs for recalibration: " + progress(after) + next_try(after, now);
+    if (after.probation)
+      after.reason += fmt::format("; the extrinsic of record {} is on probation", now.history.in_force()->sequence);
+  }
+  if (after.unresolved && after.verdict == Verdict::calibrated) {
+    after.verdict = Verdict::not_evaluated;
+    after.reason = fmt::format(
+        "unresolved: {}, and what was learned since may be of an extrinsic that is wrong; recalibrate, or confirm it with "
+        "`calibctl rollback {} --to {}`",
+        *after.unresolved, settings_.pair, now.history.in_force()->sequence);
+  }
+  // The state itself is about to be written.
+  Claim said = claim({after.verdict, std::move(after.reason)}, grounds(after, now.not_written),
+                     {now.boot_id, now.time.since_boot});
+  after.verdict = said.verdict;
+  after.reason = std::move(said.reason);
+}
+
+/// The record to sign once the baseline is known, and again once nothing is added to it any more.
+std::optional<CalibrationRecord> PairPipeline::baseline_due(const PairState& state, const Now& now) const {
+  const DriftBaseline& learned = state.drift.baseline;
+  const CalibrationRecord* const last = now.history.known_baseline(settings_.evidence_sha256);
+  const int known = last == nullptr ? 0 : static_cast<int>(last->baseline->pairs);
+  const int due =
+      known < settings_.drift.baseline_pairs ? settings_.drift.baseline_pairs : settings_.drift.max_baseline_pairs;
+  if (learned.pairs < due || known >= due) return std::nullopt;
+  CalibrationRecord record =
+      new_record(Decision::baseline, state, "calibd",
+                 fmt::format("what is normal at the extrinsic of record {} was learned from {} pairs",
+                             now.history.in_force()->sequence, learned.pairs));
+  record.baseline = recorded(learned);
+  return record;
+}
+
+/// What a change of verdict brings with it: its time, the alert, the journal. `evidence` is what the verdict comes from.
+void PairPipeline::finish(PairDecision& decision, const PairState& before, const DriftState& evidence,
+                          const Now& now) const {
+  PairState& after = *decision.state;
+  if (after.verdict == before.verdict) return;
+  after.since = now.time.wall;
+  DriftAlert& alert = decision.alert.emplace();
+  alert.stamp = now.time.wall;
+  alert.vehicle = settings_.vehicle;
+  alert.pair = settings_.pair;
+  alert.verdict = after.verdict;
+  alert.previous_verdict = before.verdict;
+  alert.reason = after.reason;
+  if (const auto estimate = DriftMonitor(settings_.drift, evidence).misalignment())
+    alert.misalignment = {estimate->delta, estimate->sigma()};
+  alert.record_sequence = now.history.in_force()->sequence;
+  const bool cleared = after.verdict == Verdict::calibrated || after.verdict == Verdict::not_evaluated;
+  decision.journal.push_back({cleared ? 5 : 4, message_id(after),
+                              fmt::format("{}: {} (was {}): {}", settings_.pair, to_string(after.verdict),
+                                          to_string(before.verdict), after.reason)});
+}
+
+std::optional<Grounds> PairPipeline::grounds(const PairState& state, std::optional<std::string> not_written) const {
+  const PairRun& run = state.run;
+  if (run.pairs == 0 && !not_written) return std::nullopt;
+  // The shorter one: a lone delay does not make evidence last longer.
+  constexpr std::chrono::nanoseconds longest_cycle = std::chrono::minutes(2);
+  const auto cycle = std::min({run.cycles[0], run.cycles[1], longest_cycle});
+  return Grounds{.pairs = run.pairs,
+                 .taken = run.received,
+                 .lifetime = evidence_lifetime(settings_.sampling, cycle),
+                 .evidence_sha256 = settings_.evidence_sha256,
+                 .not_written = std::move(not_written)};
+}
+
+PairStatus PairPipeline::status(const PairState& state, const std::optional<Error>& store_failure,
+                                const Now& now) const {
+  PairStatus status;
+  status.name = settings_.pair;
+  status.grounds = grounds(state, store_failure ? store_failure->context : now.not_written);
+  Claim said = claim({state.verdict, state.reason}, status.grounds, {now.boot_id, now.time.since_boot});
+  status.verdict = said.verdict;
+  status.reason = std::move(said.reason);
+  status.since = state.since;
+  status.last_evaluated = state.last_evaluated;
+  status.evaluated = state.evaluated;
+  status.skipped = state.skipped;
+  status.score = state.score;
+  const DriftMonitor monitor(settings_.drift, state.drift);
+  if (const auto estimate = monitor.misalignment())
+    status.misalignment = PairStatus::Misalignment{estimate->delta, estimate->sigma()};
+  if (monitor.learned()) {
+    status.noticeable.emplace();
+    for (int axis = 0; axis < 6; ++axis) (*status.noticeable)[axis] = monitor.noticeable_shift(axis);
+  }
+  status.T_camera_lidar = state.T_camera_lidar;
+  return status;
+}
+
+}  // namespace calib

@@ -1,0 +1,35 @@
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "calib/record.hpp"
+
+namespace calib {
+
+/// Whether two extrinsics differ by no more than rounding.
+[[nodiscard]] bool same(const RigidTransform& a, const RigidTransform& b);
+
+/// What the signed records say of one pair: each was verified when the ledger was opened, or signed by this process.
+struct PairHistory {
+  std::vector<CalibrationRecord> extrinsics;  // that came into force, oldest first
+  std::vector<CalibrationRecord> baselines;   // oldest first
+  std::optional<CalibrationRecord> initial;   // the last one: the configuration as it was last taken over
+
+  void add(CalibrationRecord record);
+
+  /// Nothing before the pair's first record.
+  [[nodiscard]] const CalibrationRecord* in_force() const;
+  /// The one that was in force before the present one, if any.
+  [[nodiscard]] const CalibrationRecord* before_in_force() const;
+  /// The last baseline of an extrinsic, or of the one in force; also from an earlier time when it was.
+  [[nodiscard]] const CalibrationRecord* baseline(const RigidTransform& T_camera_lidar) const;
+  [[nodiscard]] const CalibrationRecord* baseline() const;
+  /// The baseline that counts: of the extrinsic in force, from the time since it came into force or before it was put in
+  /// force again, and learned with what `evidence_sha256` is the digest of.
+  [[nodiscard]] const CalibrationRecord* known_baseline(const std::string& evidence_sha256) const;
+  /// Whether the extrinsic in force has passed its probation: its baseline is signed at the end of that.
+  [[nodiscard]] bool probation_passed() const;
+};
+
+}  // namespace calib

@@ -1,0 +1,150 @@
+#include "pair_pipeline.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "baseline_record.hpp"
+#include "message_ids.hpp"
+
+namespace calib {
+
+PairSettings pair_settings(const Config& config, const PairConfig& pair, std::string evidence_sha256) {
+  const bool monocular = depth_kind(pair.depth).is_monocular;
+  PairSettings settings{.vehicle = config.vehicle,
+                        .pair = pair.name,
+                        .camera = pair.camera.camera,
+                        .frames = pair.recalibration.frames,
+                        .bounds = {pair.recalibration.max_rotation_rad, pair.recalibration.max_translation_m},
+                        .quality = {},
+                        .drift = usual_drift_settings(monocular),
+                        .monocular_depth = monocular,
+                        .mode = pair.recalibration.mode,
+                        .min_interval = pair.recalibration.min_interval,
+                        .sampling = config.sampling,
+                        .evidence_sha256 = std::move(evidence_sha256)};
+  settings.quality.depth_range = pair.depth_range;
+  if (pair.motion) settings.quality.max_turn_rad = pair.motion->max_turn_rad;
+  settings.drift.baseline_pairs = pair.drift.baseline_pairs;
+  settings.drift.max_baseline_pairs = std::max(settings.drift.max_baseline_pairs, pair.drift.baseline_pairs);
+  settings.drift.false_alarms_per_pair = false_alarms_per_pair(config, pair.drift);
+  settings.drift.must_notice_rotation_rad = pair.drift.must_notice_rad;
+  return settings;
+}
+
+Verdict shown(DriftVerdict verdict) {
+  switch (verdict) {
+    case DriftVerdict::learning:
+    case DriftVerdict::blind:
+      return Verdict::not_evaluated;
+    case DriftVerdict::calibrated:
+      return Verdict::calibrated;
+    case DriftVerdict::suspect:
+      return Verdict::suspect;
+    case DriftVerdict::drifted:
+      return Verdict::drifted;
+  }
+  return Verdict::not_evaluated;
+}
+
+Result<Measurement> PairPipeline::measure(const FramePair& pair, const PairState& state, DepthEstimator& depth) const {
+  // Light, texture and motion, before anything costs time.
+  const SceneThumbnail* last_scene = state.run.last_scene ? &*state.run.last_scene : nullptr;
+  if (auto usable = check_pair(pair, settings_.camera, last_scene, settings_.quality); !usable)
+    return tl::unexpected(usable.error());
+
+  // Depth of the image, where it can be believed.
+  auto depth_map = depth.estimate(pair);
+  if (!depth_map) return tl::unexpected(depth_map.error());
+  mask_depth(pair.image, settings_.quality.depth_range, *depth_map);
+  if (auto usable = check_depth(*depth_map, settings_.quality); !usable) return tl::unexpected(usable.error());
+
+  // Ranks of depth and of range, of the points that can come into view.
+  auto features = make_features(pair, *depth_map, settings_.camera, state.T_camera_lidar,
+                                {.bounds = settings_.bounds, .min_points = settings_.quality.min_points});
+  if (!features) return tl::unexpected(features.error());
+
+  // Mutual information at the extrinsic in force and one step to either side of it along each axis.
+  const Objective objective = drift_objective(settings_.monocular_depth);
+  const Stencil stencil = evaluate_stencil(*features, state.T_camera_lidar, {}, objective);
+
+  Measurement measurement{.features = std::move(*features), .stencil = stencil, .scene = thumbnail(pair.image)};
+  // How the stencil answers to a LiDAR that moves: a part of the baseline.
+  if (DriftMonitor(settings_.drift, state.drift).wants_response())
+    measurement.response = evaluate_response(measurement.features, state.T_camera_lidar, {}, objective);
+  return measurement;
+}
+
+Result<RestoredPair> PairPipeline::restore(const Result<std::optional<PairState>>& saved,
+                                           const RigidTransform& T_camera_lidar, const Now& now) const {
+  RestoredPair restored;
+  PairState& state = restored.state;
+  PairDecision& decision = restored.decision;
+  state.since = now.time.wall;
+  state.evidence_sha256 = settings_.evidence_sha256;
+  const CalibrationRecord* in_force = now.history.in_force();
+  state.T_camera_lidar = in_force != nullptr ? in_force->T_camera_lidar : T_camera_lidar;
+  if (!now.history.initial || !same(now.history.initial->T_camera_lidar, T_camera_lidar)) {
+    decision.state = state;
+    decision.record = new_record(Decision::initial, state, "configuration", "taken from the configuration");
+    decision.record->T_camera_lidar = T_camera_lidar;
+    return restored;
+  }
+  if (!saved && saved.error().code != "malformed_state") return tl::unexpected(saved.error());  // it may well be there
+  std::string set_aside;
+  if (saved && *saved) {
+    state = **saved;
+    state.T_camera_lidar = in_force->T_camera_lidar;
+    if (state.evidence_sha256 != settings_.evidence_sha256) {
+      set_aside = "it was gathered with another configuration, depth model or calibd";
+      set_evidence_aside(state, now);
+    }
+  } else {
+    set_aside = saved ? "the store holds none" : saved.error().context;
+    set_evidence_aside(state, now);
+    if (!now.history.probation_passed()) state.probation.emplace();
+  }
+  // Nothing is claimed before this process has evidence of its own; what was claimed before is said with the reason.
+  PairState& after = decision.state.emplace(state);
+  const Claim claimed = claim({state.verdict, state.reason}, std::nullopt, {now.boot_id, now.time.since_boot});
+  after.verdict = claimed.verdict;
+  after.reason = claimed.reason;
+  if (!set_aside.empty()) {
+    after.reason = "starting: earlier evidence is set aside: " + set_aside;
+    if (state.verdict != after.verdict)
+      after.reason += fmt::format("; it was {} when last evaluated", to_string(state.verdict));
+    decision.journal.push_back({4, message_ids::evidence_set_aside,
+                                fmt::format("{}: earlier evidence is set aside: {}; the baseline is {}", settings_.pair,
+                                            set_aside,
+                                            state.drift.baseline.pairs > 0 ? "that of the records" : "learned anew")});
+  }
+  finish(decision, state, state.drift, now);
+  return restored;
+}
+
+/// Evidence, as the records alone tell it, in the place of that of `state`, whose other contents stay.
+void PairPipeline::set_evidence_aside(PairState& state, const Now& now) const {
+  // What is learned anew at an extrinsic that was wrong would be its baseline.
+  if (shown(state.drift.verdict) == Verdict::drifted)
+    state.unresolved = "it was drifted before its evidence was set aside";
+  state.evidence_sha256 = settings_.evidence_sha256;
+  state.drift = {};
+  state.score.reset();
+  state.proposed_record.reset();
+  if (state.probation) state.probation.emplace();
+  if (const CalibrationRecord* known = now.history.known_baseline(settings_.evidence_sha256))
+    state.drift = learned_state(*known->baseline);
+}
+
+CalibrationRecord PairPipeline::new_record(Decision decision, const PairState& state, std::string asked_by,
+                                           std::string reason) const {
+  CalibrationRecord record;
+  record.decision = decision;
+  record.asked_by = std::move(asked_by);
+  record.reason = std::move(reason);
+  record.evidence_sha256 = settings_.evidence_sha256;
+  record.T_camera_lidar = record.T_camera_lidar_before = state.T_camera_lidar;
+  return record;
+}
+
+}  // namespace calib

@@ -1,0 +1,192 @@
+#pragma once
+
+#include <functional>
+#include <map>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "calib/depth.hpp"
+#include "calib/recalibrate.hpp"
+#include "clock.hpp"
+#include "config.hpp"
+#include "drift_alert.hpp"
+#include "pair_history.hpp"
+#include "pair_state.hpp"
+
+namespace calib {
+
+// The life of a camera-LiDAR pair as values and pure functions: no DDS, no clock, no store. `measure` turns samples into a
+// measurement, `decide` turns a measurement, its absence or a request into what shall happen. `Service` makes it happen.
+
+/// What the configuration says of a pair, as the pipeline needs it.
+struct PairSettings {
+  std::string vehicle, pair;
+  Camera camera;
+  /// Pairs that a recalibration is fitted to, at least 8; a quarter as many more are held back.
+  int frames = 25;
+  SearchBounds bounds{};
+  QualityLimits quality{};
+  DriftSettings drift{};
+  /// From one image, by a network: it errs alike in all images of a road, which shifts the optimum's translation by
+  /// decimetres, on pairs held back too. Then recalibration turns the LiDAR only.
+  bool monocular_depth = false;
+  RecalibrationMode mode = RecalibrationMode::propose;
+  std::chrono::nanoseconds min_interval{};
+  SamplingConfig sampling{};
+  /// Digest of what evidence is measured with.
+  std::string evidence_sha256{};
+};
+[[nodiscard]] PairSettings pair_settings(const Config& config, const PairConfig& pair, std::string evidence_sha256);
+
+/// What one pair of samples shows at the extrinsic in force.
+struct Measurement {
+  FeatureSet features;
+  Stencil stencil;
+  std::optional<Matrix6> response = {};  // while the baseline is learned
+  SceneThumbnail scene = {};
+  std::chrono::nanoseconds received{};  // since boot: when the last of its samples had arrived
+};
+
+/// A window of sampling without a measurement.
+struct Skip {
+  Error error;
+  int windows = 1;  // as good as so many of them
+};
+
+// What is asked for, by a person ("uid:1000") or by calibd itself ("calibd").
+
+struct Recalibrate {
+  std::string asked_by;
+  bool dry_run = false;                // decides, and changes nothing
+  std::function<bool()> keep_going{};  // called before each evaluation; false ends the recalibration
+};
+/// Puts the proposed extrinsic in force; `proposal` is the record that `PairState::proposed_record` names.
+struct Accept {
+  std::string asked_by;
+  std::optional<CalibrationRecord> proposal;
+};
+/// Puts an earlier extrinsic in force: that of `target`, one of the pair's records.
+struct RollBack {
+  std::string asked_by;
+  std::optional<CalibrationRecord> target;
+};
+
+/// One line for the journal: syslog's priority, message id (message_ids.hpp), text.
+struct JournalEntry {
+  int priority;
+  std::string_view message_id;
+  std::string text;
+};
+
+/// What became of a request.
+struct Answer {
+  Decision decision = Decision::rejected;  // as the record has it; of a dry run, as it would have been
+  bool dry_run = false;
+  std::string reason;
+  std::optional<std::uint64_t> record{};   // that was written
+  std::optional<Recalibration> result{};  // where something was computed
+};
+
+/// What shall happen, all of it or nothing: the state, the record and the alert are written in one transaction, and count
+/// once that is done. Only then anything is published, logged and answered.
+struct PairDecision {
+  std::optional<PairState> state;  // nothing: nothing changes
+  std::optional<CalibrationRecord> record;
+  std::optional<DriftAlert> alert;
+  std::vector<JournalEntry> journal;
+  /// To a request. Fails with `not_found`, `bad_request`, `not_ready` or `failed`.
+  Result<Answer> answer = Answer{};
+  /// The evidence calls for a recalibration, now.
+  bool recalibration_due = false;
+};
+
+/// A pair as a start finds it, which counts until what shall be done about it is written.
+struct RestoredPair {
+  PairState state;
+  PairDecision decision;
+};
+
+/// The time, and what the records say, when something is decided.
+struct Now {
+  Moment time;
+  std::string boot_id;
+  const PairHistory& history;
+  std::uint64_t next_sequence = 1;  // of the record that is written next
+  /// Why the head of the chain of records could not be remembered; nothing when it was.
+  std::optional<std::string> not_written{};
+};
+
+class PairPipeline {
+ public:
+  /// Windows without evidence after which the last verdict no longer counts.
+  static constexpr int windows_to_stale = 2;
+
+  explicit PairPipeline(PairSettings settings) : settings_(std::move(settings)) {}
+
+  /// What a start makes of what was saved: the last record's extrinsic, unless the configuration has a new one since
+  /// (`T_camera_lidar`), for which an `initial` record is written. Evidence goes on when it was measured with what it is
+  /// measured with now, and is set aside otherwise. Nothing is claimed before this process has evidence of its own.
+  /// `saved` may be `malformed_state`; other errors are passed on.
+  [[nodiscard]] Result<RestoredPair> restore(const Result<std::optional<PairState>>& saved,
+                                             const RigidTransform& T_camera_lidar, const Now& now) const;
+
+  /// Quality, depth, features, stencil. Fails with the reason why the pair carries no information, for `Skip`.
+  [[nodiscard]] Result<Measurement> measure(const FramePair& pair, const PairState& state, DepthEstimator& depth) const;
+
+  /// A window's end: verdict, baseline, end of a probation; and whether a recalibration is due.
+  [[nodiscard]] PairDecision decide(const PairState& state, Measurement measurement, const Now& now) const;
+  [[nodiscard]] PairDecision decide(const PairState& state, const Skip& skip, const Now& now) const;
+  /// A request.
+  [[nodiscard]] PairDecision decide(const PairState& state, const Recalibrate& request, const Now& now) const;
+  [[nodiscard]] PairDecision decide(const PairState& state, const Accept& request, const Now& now) const;
+  [[nodiscard]] PairDecision decide(const PairState& state, const RollBack& request, const Now& now) const;
+
+  /// What is shown of `state`. `store_failure`: why the last transaction failed. Sensors' inputs and the proposal's
+  /// extrinsic are left out.
+  [[nodiscard]] PairStatus status(const PairState& state, const std::optional<Error>& store_failure,
+                                  const Now& now) const;
+
+  [[nodiscard]] const PairSettings& settings() const { return settings_; }
+
+ private:
+  void set_evidence_aside(PairState& state, const Now& now) const;
+  [[nodiscard]] CalibrationRecord new_record(Decision decision, const PairState& state, std::string asked_by,
+                                             std::string reason) const;
+
+  // pair_decide.cpp
+  [[nodiscard]] PairDecision conclude(const PairState& before, PairState after, const Now& now) const;
+  void conclude_verdict(PairState& after, const Now& now) const;
+  [[nodiscard]] std::optional<CalibrationRecord> baseline_due(const PairState& state, const Now& now) const;
+  void finish(PairDecision& decision, const PairState& before, const DriftState& evidence, const Now& now) const;
+  [[nodiscard]] std::optional<Grounds> grounds(const PairState& state, std::optional<std::string> not_written) const;
+
+  // pair_recalibrate.cpp
+  struct Search {
+    Recalibration result;
+    std::vector<Timestamp> frames;
+  };
+  [[nodiscard]] std::size_t wanted_frames() const;
+  [[nodiscard]] std::vector<const FeatureSet*> eligible_frames(const PairState& state) const;
+  [[nodiscard]] std::string progress(const PairState& state) const;
+  [[nodiscard]] std::chrono::nanoseconds wait_after_refusals(const PairState& state) const;
+  [[nodiscard]] bool may_recalibrate(const PairState& state, const Now& now) const;
+  [[nodiscard]] std::string next_try(const PairState& state, const Now& now) const;
+  void count_refusal(PairState& state) const;
+  [[nodiscard]] RecalibrationSettings recalibration_settings(const PairState& state) const;
+  [[nodiscard]] Result<Search> search(const PairState& state, const std::function<bool()>& keep_going) const;
+
+  // pair_in_force.cpp
+  [[nodiscard]] PairDecision put_in_force(CalibrationRecord record, const PairState& before, PairState after,
+                                          const Now& now) const;
+  [[nodiscard]] PairDecision end_probation(const PairState& before, PairState after, const std::string& why,
+                                           const Now& now) const;
+
+  PairSettings settings_;
+};
+
+/// The verdict that evidence alone carries.
+[[nodiscard]] Verdict shown(DriftVerdict verdict);
+
+}  // namespace calib

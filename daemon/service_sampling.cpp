@@ -1,0 +1,134 @@
+#include <algorithm>
+#include <new>
+
+#include "message_ids.hpp"
+#include "service.hpp"
+
+namespace calib {
+namespace {
+
+using namespace std::chrono_literals;
+
+/// A CameraInfo contradicts the configuration when it is of another size, or its focal length or centre differ by more
+/// than the last digits that people write down.
+std::optional<Error> contradiction(const CameraInfo& info, const Camera& camera) {
+  if (info.width != camera.width() || info.height != camera.height())
+    return Error{"camera_info_mismatch", "CameraInfo is for " + std::to_string(info.width) + " x " +
+                                             std::to_string(info.height) + " pixels; correct camera.size"};
+  const bool rectified = camera.model() == CameraModel::rectified;
+  const std::array<double, 4> theirs = rectified ? std::array{info.P[0], info.P[5], info.P[2], info.P[6]}
+                                                 : std::array{info.K[0], info.K[4], info.K[2], info.K[5]};
+  const std::array<double, 4> ours{camera.fx(), camera.fy(), camera.cx(), camera.cy()};
+  for (std::size_t i = 0; i < ours.size(); ++i)
+    if (std::abs(theirs[i] - ours[i]) > 0.5)
+      return Error{"camera_info_mismatch", std::string("CameraInfo's ") + (rectified ? "P" : "K") +
+                                               " differs from camera.intrinsics; correct the configuration"};
+  return std::nullopt;
+}
+
+}  // namespace
+
+void Service::sample(std::size_t index) {
+  Pair& pair = *pairs_[index];
+  auto measured = measure(pair);
+  if (stopping()) return;  // whatever is missing was not waited for
+  std::visit([&](auto& each) { conclude(index, std::move(each)); }, measured);
+}
+
+/// One window. It decides nothing: memory that runs out, and what a library throws over samples, cost the window and no
+/// more. What is thrown in a decision ends the process: the next start goes on from what was written.
+std::variant<Measurement, Skip> Service::measure(Pair& pair) try {
+  if (const auto unprepared = prepare(pair)) return *unprepared;
+  const auto samples = collect(pair);
+  if (!samples) return Skip{samples.error()};
+  const auto received = surroundings_.clock().since_boot;
+  auto measurement = pair.pipeline.measure(*samples, pair.state, *pair.depth);
+  if (!measurement) return Skip{measurement.error()};
+  measurement->received = received;
+  pair.time_difference = samples->time_difference();
+  return std::move(*measurement);
+} catch (const std::bad_alloc&) {
+  ++pair.state.skipped["out_of_memory"];
+  return Skip{{"out_of_memory", "there was no memory for a pair; give calibd more (MemoryMax=), or smaller samples"}};
+} catch (const std::exception& exception) {
+  return Skip{{"internal_error", std::string("a pair could not be evaluated: ") + exception.what()}};
+}
+
+/// Why the pair's source of depth is of no use, if it is. One that failed stays so, and nothing can be said of the pair.
+std::optional<Skip> Service::prepare(Pair& pair) {
+  const auto remark = pair.depth->prepare();
+  const std::string& name = pair.config->name;
+  if (remark) {
+    if (!remark->empty()) surroundings_.log(5, message_ids::depth_prepared, name + ": " + *remark);
+    return std::nullopt;
+  }
+  const std::string failure = remark.error().code + ": " + escape_control(remark.error().context);
+  if (!stopping() && pair.depth_failure != failure) {
+    pair.depth_failure = failure;
+    surroundings_.log(3, message_ids::depth_failed, name + ": " + failure + "; this pair is not evaluated");
+  }
+  return Skip{remark.error(), PairPipeline::windows_to_stale};
+}
+
+/// Reads until a pair is complete or the window closes. Readers live no longer than this call.
+Result<FramePair> Service::collect(Pair& pair) {
+  const auto end = surroundings_.clock().since_boot + config_.sampling.window;
+  if (const auto right = pair.depth->right_image_size())
+    pair.topics.right_bound = ImageBound::exactly(*right, "the CameraInfo of depth.right_info");
+  auto window = network_->open_window(pair.topics);
+  if (!window) return tl::unexpected(window.error());
+  PairBuffer buffer(config_.sampling.max_time_difference, {.right_image = pair.topics.right_image.has_value(),
+                                                           .depth = pair.topics.depth.has_value(),
+                                                           .turn_rate = pair.topics.motion.has_value()});
+  std::optional<Error> refused;
+  for (auto left = config_.sampling.window; left > left.zero(); left = end - surroundings_.clock().since_boot) {
+    auto samples = (*window)->wait(std::min<std::chrono::nanoseconds>(left, 200ms));
+    if (!samples) return tl::unexpected(samples.error());
+    for (Sample& sample : *samples)
+      if (auto error = receive(pair, std::move(sample), buffer)) refused = std::move(error);
+    while (auto frames = pair.depth->has_cameras() ? buffer.take() : std::nullopt) {
+      if (frames->image.stamp == pair.state.last_stamp) {
+        refused = Error{"duplicate_frame", "the image has the stamp of the last one; does the camera stand still?"};
+        continue;
+      }
+      if (refused && refused->code == "camera_info_mismatch") return tl::unexpected(*refused);
+      return std::move(*frames);
+    }
+    if (!keep_going()) break;
+  }
+  // What its depth lacks is told when it is asked for.
+  if (auto frames = buffer.take(); frames && !refused) return std::move(*frames);
+  return tl::unexpected(refused ? *refused : buffer.why_none());
+}
+
+/// Puts a sample where it belongs; says why when it is of no use.
+std::optional<Error> Service::receive(Pair& pair, Sample sample, PairBuffer& buffer) {
+  const auto arrived = surroundings_.clock().since_boot;
+  if (auto* left = std::get_if<LeftImage>(&sample)) {
+    pair.image = arrived;
+    buffer.add_image(std::move(left->image));
+  } else if (auto* right = std::get_if<RightImage>(&sample)) {
+    pair.right_image = arrived;
+    buffer.add_right_image(std::move(right->image));
+  } else if (auto* scan = std::get_if<DecodedCloud>(&sample)) {
+    pair.cloud = arrived;
+    buffer.add_scan(std::move(*scan));
+  } else if (auto* depth = std::get_if<DepthImage>(&sample)) {
+    pair.depth_image = arrived;
+    buffer.add_depth(std::move(*depth));
+  } else if (const auto* rate = std::get_if<TurnRate>(&sample)) {
+    pair.motion = arrived;
+    buffer.add_turn_rate(*rate);
+  } else if (const auto* info = std::get_if<CameraInfo>(&sample)) {
+    pair.depth->set_left_camera_info(*info);
+    return contradiction(*info, pair.config->camera.camera);
+  } else if (const auto* right_info = std::get_if<RightCameraInfo>(&sample)) {
+    pair.depth->set_right_camera_info(right_info->info);
+  } else if (const auto* malformed = std::get_if<Malformed>(&sample)) {
+    ++pair.state.skipped[malformed->error.code];  // a counter, saved with the next decision
+    return Error{malformed->error.code, malformed->topic + ": " + malformed->error.context};
+  }
+  return std::nullopt;
+}
+
+}  // namespace calib

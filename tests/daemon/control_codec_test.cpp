@@ -1,0 +1,71 @@
+#include "control_codec.hpp"
+
+#include <nlohmann/json.hpp>
+
+#include "support/catch.hpp"
+#include "support/support.hpp"
+
+using namespace calib;
+using nlohmann::json;
+using test::require_ok;
+
+namespace {
+
+template <typename Request>
+Request decoded(const json& request) {
+  return std::get<Request>(require_ok(decode_request(request)));
+}
+
+}  // namespace
+
+TEST_CASE("each request is read with what belongs to it, and nothing else of it matters") {
+  CHECK(std::holds_alternative<StatusRequest>(require_ok(decode_request({{"request", "status"}, {"pair", 7}}))));
+  CHECK(decoded<RecordsRequest>({{"request", "records"}, {"from", 5U}}).from == 5);
+  CHECK_FALSE(decoded<DiagnosisRequest>({{"request", "doctor"}}).pair);
+  CHECK(decoded<DiagnosisRequest>({{"request", "doctor"}, {"pair", "front"}}).pair == "front");
+  CHECK(decoded<DiagnosisRequest>({{"request", "doctor"}, {"pair", 7}}).pair == "");  // no pair bears that name
+  const auto recalibration =
+      decoded<RecalibrationRequest>({{"request", "recalibrate"}, {"pair", "front"}, {"dry_run", true}});
+  CHECK((recalibration.pair == "front" && recalibration.dry_run));
+  CHECK_FALSE(decoded<RecalibrationRequest>({{"request", "recalibrate"}, {"pair", "front"}}).dry_run);
+  CHECK(decoded<AcceptRequest>({{"request", "accept"}, {"pair", "front"}}).pair == "front");
+  CHECK(decoded<RollbackRequest>({{"request", "rollback"}, {"pair", "front"}, {"to", 3U}}).to == 3);
+  CHECK_FALSE(decoded<RollbackRequest>({{"request", "rollback"}, {"pair", "front"}, {"to", nullptr}}).to);
+}
+
+TEST_CASE("what is not a request is refused") {
+  for (const json& request :
+       {json{{"request", "stop"}}, json{{"request", "records"}}, json{{"request", "records"}, {"from", 0U}},
+        json{{"request", "records"}, {"from", -1}}, json{{"request", "records"}, {"from", "1"}},
+        json{{"request", "rollback"}, {"pair", "front"}, {"to", "1"}},
+        json{{"request", "rollback"}, {"pair", "front"}, {"to", -1}}}) {
+    INFO(request.dump());
+    const auto refused = decode_request(request);
+    REQUIRE_FALSE(refused);
+    CHECK(refused.error().code == "bad_request");
+  }
+}
+
+TEST_CASE("replies have the form of proto/control.md") {
+  CHECK(encode_reply(Error{"not_found", "there is no pair 'x'"}) ==
+        json{{"ok", false}, {"code", "not_found"}, {"message", "there is no pair 'x'"}});
+  CHECK(encode_reply(RecordsPage{.stored = 2, .records = {{"{}", "signature"}, {}}}) ==
+        json{{"ok", true},
+             {"stored", 2},
+             {"records",
+              {{{"canonical", "{}"}, {"signature", "signature"}}, {{"canonical", ""}, {"signature", ""}}}}});
+  const json plain = encode_reply(Answer{.decision = Decision::rolled_back, .reason = "back", .record = 4});
+  CHECK(plain == json{{"ok", true}, {"answer", "rolled_back"}, {"reason", "back"}, {"record", 4}});
+
+  Recalibration result;
+  result.delta = Vector6::Constant(0.01);
+  result.score_before = 1;
+  result.score_after = 2;
+  const json dry = encode_reply(Answer{.decision = Decision::proposed, .dry_run = true, .reason = "good", .result = result});
+  CHECK(dry["answer"] == "dry_run");
+  CHECK(dry["would"] == "accepted");
+  CHECK(dry["record"].is_null());
+  CHECK(dry["result"]["change"]["translation_cm"] == json{1.0, 1.0, 1.0});
+  CHECK(dry["result"]["change"]["rotation_deg"][2].get<double>() == Approx(0.01 / radians_per_degree));
+  CHECK(dry["result"]["score"]["after"] == 2);
+}
