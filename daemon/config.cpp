@@ -13,8 +13,8 @@ namespace {
 
 using namespace std::chrono_literals;
 constexpr std::size_t max_pairs = 16;
-/// Nearer is the vehicle itself, or a false match; further no stereo or depth camera of a vehicle tells one from
-/// another.
+/// Nearer depth belongs to the vehicle itself or is a false match. Stereo and depth cameras of vehicles do not resolve
+/// depth further away.
 constexpr DepthRange metric_depth_range{0.5, 200};
 
 std::string frame_id(const ConfigNode& node) {
@@ -30,8 +30,8 @@ std::filesystem::path path_or(const ConfigNode& top, std::string_view key,
   return *fallback;
 }
 
-/// `/var/lib/calibd`, also for `/var/lib/calibd/` and the like.
-std::filesystem::path plain(const std::filesystem::path& folder) {
+/// Without `.`, `..` and a slash at the end.
+std::filesystem::path normalized(const std::filesystem::path& folder) {
   const auto normal = folder.lexically_normal();
   return normal.has_filename() ? normal : normal.parent_path();
 }
@@ -128,12 +128,12 @@ RecalibrationConfig read_recalibration(const ConfigNode& node) {
   return recalibration;
 }
 
-/// Not the extrinsic, to which records bind the evidence, and not what is only done with it.
+/// Left out: the extrinsic, since records tie evidence to it, and settings that affect only what follows from evidence.
 std::string evidence_text(const ConfigNode& pair) {
   std::string text;
   for (const char* key : {"camera", "lidar", "depth", "motion"})
     if (const auto node = pair.find(key)) text += std::string(key) + ':' + node->canonical() + '\n';
-  if (const auto recalibration = pair.find("recalibration"))  // points further away than its bounds are left out
+  if (const auto recalibration = pair.find("recalibration"))  // features depend on these bounds
     for (const char* key : {"max_rotation_deg", "max_translation_cm"})
       if (const auto node = recalibration->find(key)) text += std::string(key) + ':' + node->canonical() + '\n';
   return text;
@@ -171,19 +171,19 @@ std::vector<PairConfig> read_pairs(const ConfigNode& node) {
   return pairs;
 }
 
-Config read_config(const ConfigNode& top, const Places& places) {
+Config read_config(const ConfigNode& top, const DefaultFolders& defaults) {
   top.with_keys({"vehicle", "state_dir", "head_dir", "runtime_dir", "dds", "signing_key", "sampling", "pairs"});
   Config config;
   config.vehicle = top.at("vehicle").text();
   if (!is_name(config.vehicle, "ABCDEFGHIJKLMNOPQRSTUVWXYZ_-.:"))
     top.at("vehicle").refuse("a vehicle is named with 1 .. 64 letters, digits, _ - . and :");
-  config.state_dir = path_or(top, "state_dir", places.state);
-  config.head_dir = path_or(top, "head_dir", places.head ? *places.head : plain(config.state_dir) += "-head");
-  if (plain(config.head_dir) == plain(config.state_dir))
-    top.at("head_dir").refuse("needs another folder than state_dir: who loses one shall not lose both");
-  config.runtime_dir = path_or(top, "runtime_dir", places.runtime);
+  config.state_dir = path_or(top, "state_dir", defaults.state);
+  config.head_dir = path_or(top, "head_dir", defaults.head ? *defaults.head : normalized(config.state_dir) += "-head");
+  if (normalized(config.head_dir) == normalized(config.state_dir))
+    top.at("head_dir").refuse("needs another folder than state_dir, so that the loss of one is detected by the other");
+  config.runtime_dir = path_or(top, "runtime_dir", defaults.runtime);
   std::optional<std::filesystem::path> credential;
-  if (places.credentials) credential = *places.credentials / "signing.key";
+  if (defaults.credentials) credential = *defaults.credentials / "signing.key";
   config.signing_key = path_or(top, "signing_key", credential);
   if (const auto dds = top.find("dds")) config.dds = read_dds(*dds);
   if (const auto sampling = top.find("sampling")) config.sampling = read_sampling(*sampling);
@@ -207,18 +207,18 @@ std::chrono::nanoseconds evidence_lifetime(const SamplingConfig& sampling, std::
   return std::max<std::chrono::nanoseconds>(2 * std::max(sampling.period, cycle) + sampling.window, 5s);
 }
 
-Result<Config> parse_config(std::string_view yaml, const std::filesystem::path& file, const Places& places) {
+Result<Config> parse_config(std::string_view yaml, const std::filesystem::path& file, const DefaultFolders& defaults) {
   Config config;
-  const auto read = parse_config_text(yaml, file, [&](const ConfigNode& top) { config = read_config(top, places); });
+  const auto read = parse_config_text(yaml, file, [&](const ConfigNode& top) { config = read_config(top, defaults); });
   if (!read) return propagate(read);
   config.sha256 = sha256_hex(yaml);
   return config;
 }
 
-Result<Config> load_config(const std::filesystem::path& file, const Places& places) {
+Result<Config> load_config(const std::filesystem::path& file, const DefaultFolders& defaults) {
   const auto yaml = read_config_text(file);
   if (!yaml) return fail(yaml.error().code, yaml.error().context + "; give the file with --config FILE");
-  return parse_config(*yaml, file, places);
+  return parse_config(*yaml, file, defaults);
 }
 
 }  // namespace calib

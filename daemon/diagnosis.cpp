@@ -26,7 +26,7 @@ Result<void> draw(const std::filesystem::path& file, const FramePair& pair, cons
 }
 
 /// The camera that CameraInfo describes, if it is for images of the configured size.
-std::optional<Camera> camera_of_info(const PairSeen& seen) {
+std::optional<Camera> camera_of_info(const PairObservation& seen) {
   if (!seen.camera_info) return std::nullopt;
   const CameraInfo& info = *seen.camera_info;
   auto told = Camera::make(info.model, info.width, info.height, {info.K[0], info.K[4], info.K[2], info.K[5]}, info.D);
@@ -34,12 +34,12 @@ std::optional<Camera> camera_of_info(const PairSeen& seen) {
   return told && same_size ? std::optional(std::move(*told)) : std::nullopt;
 }
 
-DepthTrial trial(const DepthMap& depth, const PairSeen& seen, const RigidTransform& T_camera_lidar,
+DepthTrial trial(const DepthMap& depth, const PairObservation& seen, const RigidTransform& T_camera_lidar,
                  const LidarScan& scan) {
   return {depth.valid_share(), depth_agreement(depth, seen.camera, T_camera_lidar, scan)};
 }
 
-bool is_good(const PairSeen& seen) {
+bool is_good(const PairObservation& seen) {
   const auto& agreement = seen.extrinsic ? seen.extrinsic->agreement : std::nullopt;
   return seen.depth && seen.depth->valid_share >= good_share && agreement &&
          agreement->rank_correlation > good_agreement;
@@ -48,17 +48,17 @@ bool is_good(const PairSeen& seen) {
 /// Listens to the topics of the pair, and to the CameraInfo beside its image. The last samples that belong together;
 /// nothing when there are none. Fails with `dds_failed` or `bad_topic`.
 Result<std::optional<FramePair>> listen(const DiagnosisInput& input, Network& network, DepthSource& depth,
-                                        const std::function<bool()>& keep_going, PairSeen& seen) {
+                                        const std::function<bool()>& keep_going, PairObservation& seen) {
   const bool camera_info_is_configured = input.pair.camera.info.has_value();
   seen.topics = topics_to_probe(input.topics, camera_info_is_configured);
-  seen.claimed_topics = input.other_image_topics;
-  for (const TopicSeen& topic : seen.topics) seen.claimed_topics.insert(topic.topic);
+  seen.topics_in_use = input.other_image_topics;
+  for (const TopicObservation& topic : seen.topics) seen.topics_in_use.insert(topic.topic);
   PairTopics topics = input.topics;
   if (!topics.camera_info) topics.camera_info = conventional_camera_info(topics.image);
   auto window = network.open_window(topics);
   if (!window) return propagate(window);
-  TopicProbe probe(seen, PairBuffer(input.sampling.max_time_difference,
-                                    {.right_image = topics.right_image.has_value(), .depth = topics.depth.has_value()}));
+  const Companions companions{.right_image = topics.right_image.has_value(), .depth = topics.depth.has_value()};
+  TopicProbe probe(seen, PairBuffer(input.sampling.max_time_difference, companions));
   const auto start = steady_clock::now();
   while (keep_going() && steady_clock::now() < start + longest_listening) {
     auto samples = (*window)->wait(std::chrono::milliseconds(200));
@@ -80,7 +80,7 @@ Result<std::optional<FramePair>> listen(const DiagnosisInput& input, Network& ne
 /// Depth as sampling would estimate it, and how the extrinsic agrees with it. Where they disagree, also how well they
 /// agree with another lens or with the stereo images exchanged.
 std::optional<DepthMap> try_depth(const DiagnosisInput& input, const FramePair& pair, DepthSource& source,
-                                  const std::function<bool()>& keep_going, PairSeen& seen) {
+                                  const std::function<bool()>& keep_going, PairObservation& seen) {
   const auto estimate = [&](const FramePair& of) {
     auto depth = source.estimate(of);
     if (depth)
@@ -99,7 +99,7 @@ std::optional<DepthMap> try_depth(const DiagnosisInput& input, const FramePair& 
   if (!depth) return std::nullopt;
   [[maybe_unused]] const bool on = keep_going();  // the examination took its time
   if (const auto told = camera_of_info(seen))
-    seen.told_lens = depth_agreement(*depth, *told, input.T_camera_lidar, pair.scan);
+    seen.info_agreement = depth_agreement(*depth, *told, input.T_camera_lidar, pair.scan);
   if (pair.right_image && !is_good(seen)) {
     FramePair exchanged{.image = *pair.right_image, .right_image = pair.image, .scan = pair.scan};
     if (const auto swapped = estimate(exchanged))
@@ -110,10 +110,10 @@ std::optional<DepthMap> try_depth(const DiagnosisInput& input, const FramePair& 
 
 }  // namespace
 
-void diagnose_pair(const DiagnosisInput& input, Network& network, DepthSource& depth, const std::function<bool()>& keep_going,
-                   DiagnosisReport& report) {
+void diagnose_pair(const DiagnosisInput& input, Network& network, DepthSource& depth,
+                   const std::function<bool()>& keep_going, DiagnosisReport& report) {
   const std::string& name = input.pair.name;
-  PairSeen seen{.camera = input.pair.camera.camera, .depth_kind = depth_kind(input.pair.depth)};
+  PairObservation seen{.camera = input.pair.camera.camera, .depth_kind = depth_kind(input.pair.depth)};
   seen.pair = name;
   seen.domain = input.dds.domain;
   seen.interface = input.dds.interface;

@@ -8,7 +8,7 @@
 
 #include "config.hpp"
 #include "depth_source.hpp"
-#include "doctor.hpp"
+#include "findings.hpp"
 #include "network.hpp"
 
 namespace calib {
@@ -44,7 +44,7 @@ struct DiagnosisInput {
 /// findings of `diagnose`, and an overlay when samples belong together. A picture that cannot be written is a finding.
 /// `depth` learns the CameraInfo that arrived; nothing else of the pair changes. `keep_going` is called several times a
 /// second; false ends listening, and what follows is judged by what has arrived.
-void diagnose_pair(const DiagnosisInput& input, Network& network, DepthSource& depth, const std::function<bool()>& keep_going,
-                   DiagnosisReport& report);
+void diagnose_pair(const DiagnosisInput& input, Network& network, DepthSource& depth,
+                   const std::function<bool()>& keep_going, DiagnosisReport& report);
 
 }  // namespace calib

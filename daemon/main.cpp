@@ -172,9 +172,9 @@ int main(int argc, char** argv) {
   spdlog::set_pattern(std::getenv("JOURNAL_STREAM") != nullptr ? "%v" : "%Y-%m-%dT%H:%M:%S.%e %^%l%$ %v");
 
   const auto state = folders_from_environment("STATE_DIRECTORY");
-  const calib::Places places{state[0], folders_from_environment("RUNTIME_DIRECTORY")[0],
-                             folders_from_environment("CREDENTIALS_DIRECTORY")[0], state[1]};
-  auto config = calib::load_config(config_file, places);
+  const calib::DefaultFolders defaults{state[0], folders_from_environment("RUNTIME_DIRECTORY")[0],
+                                       folders_from_environment("CREDENTIALS_DIRECTORY")[0], state[1]};
+  auto config = calib::load_config(config_file, defaults);
   if (!config) {
     std::fprintf(stderr, "%s\n", calib::escape_control(config.error().context).c_str());
     return exit_config;

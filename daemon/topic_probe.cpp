@@ -17,8 +17,8 @@ std::string image_type_name(const std::string& topic) {
 
 }  // namespace
 
-std::vector<TopicSeen> topics_to_probe(const PairTopics& topics, bool camera_info_is_configured) {
-  std::vector<TopicSeen> probed;
+std::vector<TopicObservation> topics_to_probe(const PairTopics& topics, bool camera_info_is_configured) {
+  std::vector<TopicObservation> probed;
   const auto add = [&](const char* check, const char* key, const std::string& topic, const std::string& type) {
     probed.push_back({.check = check, .key = key, .topic = topic, .type = type});
   };
@@ -53,7 +53,7 @@ void TopicProbe::add(Sample sample, WallTime arrival) {
 }
 
 bool TopicProbe::has_enough(std::chrono::nanoseconds listened) const {
-  const auto is_sampled = [&](const TopicSeen& topic) {
+  const auto is_sampled = [&](const TopicObservation& topic) {
     const bool published = std::ranges::any_of(seen_.writers, [&](const RemoteWriter& writer) {
       return writer.topic == topic.topic && writer.type == topic.type && writer.obstacle.empty();
     });
@@ -83,7 +83,7 @@ void TopicProbe::note(RightImage& right, WallTime arrival) {
 
 void TopicProbe::note(DecodedCloud& cloud, WallTime arrival) {
   count("cloud", cloud.stamp, arrival);
-  seen_.cloud = cloud.census;
+  seen_.cloud = cloud.statistics;
   buffer_.add_scan(std::move(cloud));
 }
 
@@ -105,14 +105,14 @@ void TopicProbe::note(RightCameraInfo& right, WallTime arrival) {
 }
 
 void TopicProbe::note(Malformed& malformed, WallTime arrival) {
-  const auto topic = std::ranges::find(seen_.topics, malformed.topic, &TopicSeen::topic);
+  const auto topic = std::ranges::find(seen_.topics, malformed.topic, &TopicObservation::topic);
   if (topic == seen_.topics.end()) return;
   if (malformed.image) {  // of another size and therefore not decoded; its header is valid
     count(topic->check, malformed.image->stamp, arrival);
     if (topic->check == "image")
       seen_.image = malformed.image->size;
     else
-      seen_.companion_size = fmt::format("{}: {}", malformed.topic, malformed.error.context);
+      seen_.companion_mismatch = fmt::format("{}: {}", malformed.topic, malformed.error.context);
     return;
   }
   ++topic->malformed[std::string(to_string(malformed.error.code))];
@@ -120,7 +120,7 @@ void TopicProbe::note(Malformed& malformed, WallTime arrival) {
 }
 
 void TopicProbe::count(std::string_view check, Timestamp stamp, WallTime arrival) {
-  const auto topic = std::ranges::find(seen_.topics, check, &TopicSeen::check);
+  const auto topic = std::ranges::find(seen_.topics, check, &TopicObservation::check);
   if (topic == seen_.topics.end()) return;
   ++topic->messages;
   if (topic->last_stamp == stamp) ++topic->repeated_stamps;

@@ -8,13 +8,13 @@
 #include "calib/pairing.hpp"
 #include "calib/wall_time.hpp"
 #include "dds/window.hpp"
-#include "doctor.hpp"
+#include "findings.hpp"
 
 namespace calib {
 
 /// The topics that a diagnosis listens to, in the order of its findings. If `topics` names no CameraInfo beside the
 /// image, it is the topic by which drivers publish it by convention; `camera_info_is_configured` tells which.
-[[nodiscard]] std::vector<TopicSeen> topics_to_probe(const PairTopics& topics, bool camera_info_is_configured);
+[[nodiscard]] std::vector<TopicObservation> topics_to_probe(const PairTopics& topics, bool camera_info_is_configured);
 
 /// The topic of the CameraInfo that belongs to an image by convention: `/front/image/compressed` and `/front/image`
 /// give `/front/camera_info`.
@@ -29,7 +29,7 @@ class TopicProbe {
   static constexpr std::uint64_t enough_messages = 5;
 
   /// Writes what arrives into `seen`, whose `topics` are those listened to. `seen` outlives the probe.
-  TopicProbe(PairSeen& seen, PairBuffer buffer) : seen_(seen), buffer_(std::move(buffer)) {}
+  TopicProbe(PairObservation& seen, PairBuffer buffer) : seen_(seen), buffer_(std::move(buffer)) {}
 
   void add(Sample sample, WallTime arrival);
 
@@ -54,7 +54,7 @@ class TopicProbe {
   void note(Malformed& malformed, WallTime arrival);
   void count(std::string_view check, Timestamp stamp, WallTime arrival);
 
-  PairSeen& seen_;
+  PairObservation& seen_;
   PairBuffer buffer_;
   std::optional<FramePair> pair_;
   std::optional<CameraInfo> right_camera_info_;

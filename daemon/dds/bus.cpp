@@ -9,15 +9,16 @@
 namespace calib {
 namespace {
 
-/// What Cyclone is told. Loopback lacks the multicast flag and still does it. The receive buffer is a wish,
-/// which `net.core.rmem_max` limits.
+/// Cyclone's configuration. Multicast is allowed on loopback explicitly: Linux does not set its multicast flag. The
+/// size of the receive buffer is a request, which `net.core.rmem_max` limits.
 ///
-/// What a remote writer's samples may hold of our memory until they are read: incomplete, two (four, of a reliable one)
-/// of `max_sample_bytes` each; complete and not yet with their reader, 32 in all, after which the network is not read;
-/// at the reader, as many as its history. Reliable data that came out of order is kept for readers that ask for it, and
-/// none of calibd's does but discovery's: 16 there. A fragment holds the whole receive buffer in which it came, so
-/// those are small. Cyclone has no bound on how many participants and writers there are: what they all hold is bounded
-/// by the unit's MemoryMax.
+/// Memory that the samples of one remote writer may occupy before they are read:
+/// - incomplete ones: two (four of a reliable writer) of `max_sample_bytes` each;
+/// - complete ones not yet delivered to a reader: 32 of all writers together, then Cyclone stops reading the network;
+/// - delivered ones: as many as the reader's history holds;
+/// - samples out of order: kept for reliable readers only, of which calibd has none but those of discovery: 16. A
+///   fragment keeps the whole receive buffer in which it arrived, so these buffers are small. Cyclone does not limit
+///   the number of participants and writers. The unit's MemoryMax limits the total.
 std::string cyclone_configuration(std::string_view interface, std::uint32_t max_sample_bytes) {
   const std::string choice = interface == "auto" ? R"(autodetermine="true")"
                                                  : fmt::format(R"(name="{}" multicast="{}")", interface,
@@ -73,9 +74,9 @@ Result<Bus> Bus::open(std::uint32_t domain, std::string_view interface, std::uin
     result = opened(own(dds_create_guardcondition(bus.participant_.get()), "guard condition"), bus.interrupt_);
   if (!result) return propagate(result);
 
-  const auto write = [&](const MessageType& type, std::string_view topic, const Keeping& keeping,
+  const auto write = [&](const MessageType& type, std::string_view topic, const QosProfile& profile,
                          Endpoint& into) -> Result<void> {
-    auto writer = make_writer(bus.participant_.get(), type, topic, keeping);
+    auto writer = make_writer(bus.participant_.get(), type, topic, profile);
     if (!writer) return propagate(writer);
     into = std::move(*writer);
     return {};
@@ -101,7 +102,7 @@ Result<std::vector<RemoteWriter>> Bus::remote_writers() const { return calib::re
 void Bus::interrupt() { dds_set_guardcondition(interrupt_.get(), true); }
 
 Result<void> Bus::publish_diagnostics(const Status& status, WallTime now) {
-  log_->tell_if_due();
+  log_->report_if_due();
   return check(dds_write(diagnostics_.endpoint.get(), diagnostics_message(status, now).get()),
                "/diagnostics");
 }

@@ -33,10 +33,10 @@ bool is_frame(int marker) {
 struct Segment {
   int marker = 0;
   Bytes body;
-  std::size_t end = 0;  // where what follows it begins
+  std::size_t end = 0;  // offset of the byte after it
 };
 
-/// The segment that begins at `at`, behind fill bytes; none where no marker is, or it reaches past the end.
+/// The segment at `at`, after any fill bytes; none if there is no marker, or the segment exceeds the data.
 std::optional<Segment> jpeg_segment(Bytes bytes, std::size_t at) {
   if (at >= bytes.size() || bytes[at] != 0xFF) return std::nullopt;
   while (at < bytes.size() && bytes[at] == 0xFF) ++at;
@@ -50,7 +50,7 @@ std::optional<Segment> jpeg_segment(Bytes bytes, std::size_t at) {
   return Segment{marker, bytes.subspan(at + 2, length - 2), at + length};
 }
 
-/// The next marker that ends a scan: not a stuffed zero, a restart or a fill byte.
+/// The next marker that ends a scan. Stuffed zeros, restart markers and fill bytes do not end it.
 std::size_t end_of_scan(Bytes bytes, std::size_t at) {
   while (at < bytes.size()) {
     const void* found = std::memchr(bytes.data() + at, 0xFF, bytes.size() - at);
@@ -64,7 +64,7 @@ std::size_t end_of_scan(Bytes bytes, std::size_t at) {
   return bytes.size();
 }
 
-/// From the first start of frame; a thumbnail lies inside a segment.
+/// From the first start-of-frame segment. That of a thumbnail lies within another segment and is not found.
 std::optional<ImageSize> jpeg_size(Bytes bytes) {
   for (auto segment = jpeg_segment(bytes, 2); segment; segment = jpeg_segment(bytes, segment->end)) {
     if (segment->marker == start_of_scan || segment->marker == end_of_image) return std::nullopt;
@@ -83,7 +83,7 @@ Result<void> check_jpeg(Bytes bytes) {
   while (const auto segment = jpeg_segment(bytes, at)) {
     at = segment->end;
     if (is_frame(segment->marker)) {
-      // Baseline, extended and progressive, in Huffman's code: what the others take is not bounded by their bytes.
+      // Baseline, extended and progressive with Huffman coding. The cost of others is not bounded by their size.
       const Bytes frame = segment->body;
       if (++frames > 1 || segment->marker > 0xC2 || frame.size() < 6 || frame[0] != 8 ||
           (frame[5] != 1 && frame[5] != 3))
@@ -94,7 +94,7 @@ Result<void> check_jpeg(Bytes bytes) {
       ++scans;
       at = end_of_scan(bytes, at);
     } else if (segment->marker == end_of_image) {
-      // Some cameras pad behind the end.
+      // Some cameras append padding.
       whole = std::ranges::all_of(bytes.subspan(at), [](std::uint8_t byte) { return byte == 0; });
       break;
     }
@@ -103,10 +103,10 @@ Result<void> check_jpeg(Bytes bytes) {
     return fail(ErrorCode::malformed_compressed_scans, "the JPEG has " + std::to_string(scans) + " scans where " +
                                                            std::to_string(max_jpeg_scans) + " are allowed");
   if (whole && frames == 1 && scans > 0) return {};
-  return fail(ErrorCode::malformed_compressed_data, "the JPEG is cut short, or more follows its end");
+  return fail(ErrorCode::malformed_compressed_data, "the JPEG is incomplete, or data follows its end");
 }
 
-// PNG: chunks, of which the first is IHDR.
+// PNG: a sequence of chunks, the first of which is IHDR.
 
 struct Chunk {
   std::string_view kind;
@@ -142,11 +142,11 @@ Result<void> check_png(Bytes bytes) {
     metadata_bytes += 12 + chunk->body.size();
     compressed_metadata += chunk->kind == "iCCP" || chunk->kind == "zTXt" || chunk->kind == "iTXt";
     if (metadata_bytes > max_png_metadata_bytes || compressed_metadata > max_png_compressed_metadata)
-      return fail(ErrorCode::malformed_compressed_metadata,
-                  "the PNG holds more than 1 MiB beside its pixels, or more than " +
-                      std::to_string(max_png_compressed_metadata) + " compressed texts and profiles");
+      return fail(ErrorCode::malformed_compressed_metadata, "the PNG has more than 1 MiB of metadata, or more than " +
+                                                       std::to_string(max_png_compressed_metadata) +
+                                                       " compressed texts and profiles");
   }
-  return fail(ErrorCode::malformed_compressed_data, "the PNG is cut short");
+  return fail(ErrorCode::malformed_compressed_data, "the PNG is incomplete");
 }
 
 }  // namespace

@@ -8,7 +8,7 @@
 
 namespace calib {
 
-/// What can be known of a JPEG or PNG before a decoder sees it: a few bytes may ask for minutes and for gigabytes.
+// Checks of a JPEG or PNG before it is decoded. A few bytes may make a decoder work for minutes and allocate gigabytes.
 
 enum class Compression { jpeg, png };
 
@@ -17,20 +17,22 @@ struct CompressedHeader {
   ImageSize size;
 };
 
-/// By the first bytes, and the size as the header has it. Fails with `malformed:compressed_format` or
+/// The format by the first bytes, and the size from the header. Fails with `malformed:compressed_format` or
 /// `malformed:compressed_dimensions`.
 [[nodiscard]] Result<CompressedHeader> probe_compressed(std::span<const std::uint8_t> bytes);
 
-/// A progressive JPEG has about 10, one of each colour alone 3; each goes over the whole image.
+/// A progressive JPEG has about 10 scans, one with a scan per colour has 3. A decoder visits the whole image in each.
 inline constexpr int max_jpeg_scans = 32;
-/// What a PNG holds beside its pixels.
+/// Of all chunks of a PNG that hold no pixels.
 inline constexpr std::size_t max_png_metadata_bytes = 1 << 20;
-/// Of metadata that libpng decompresses.
+/// Number of compressed chunks of metadata: libpng decompresses each.
 inline constexpr int max_png_compressed_metadata = 4;
 
-/// Goes over all of it once and takes no memory. Fails with `malformed:compressed_format` (a kind that no camera sends:
-/// arithmetic, lossless or hierarchical JPEG, several frames, four colours, an animated PNG),
-/// `malformed:compressed_scans`, `malformed:compressed_metadata`, or `malformed:compressed_data` (not whole).
+/// Reads all bytes once and allocates nothing. Fails with
+/// - `malformed:compressed_format`: a variant that cameras do not send (arithmetic, lossless or hierarchical JPEG,
+///   several frames, four colours, an animated PNG);
+/// - `malformed:compressed_scans` or `malformed:compressed_metadata`: more than the bounds above;
+/// - `malformed:compressed_data`: incomplete.
 [[nodiscard]] Result<void> check_compressed(std::span<const std::uint8_t> bytes, const CompressedHeader& header);
 
 }  // namespace calib

@@ -17,7 +17,7 @@ constexpr double max_range_m = 500;
 
 std::string_view text(const char* string) { return string ? std::string_view(string) : std::string_view(); }
 
-/// sensor_msgs/PointField's datatypes, in their order from 1.
+/// The datatypes of sensor_msgs/PointField, in their order from 1.
 enum class Datatype : std::uint8_t { int8 = 1, uint8, int16, uint16, int32, uint32, float32, float64 };
 
 std::uint64_t size_of(Datatype type) {
@@ -89,7 +89,7 @@ Result<PointLayout> point_layout(const sensor_msgs_msg_dds__PointCloud2_& messag
       return fail(ErrorCode::malformed_field_type, "datatype " + std::to_string(field.datatype) + " is none of 1 .. 8");
     const auto type = static_cast<Datatype>(field.datatype);
     if (std::uint64_t{field.offset} + size_of(type) * field.count > message.point_step)
-      return fail(ErrorCode::malformed_field_bounds, "a field reaches past point_step");
+      return fail(ErrorCode::malformed_field_bounds, "a field ends after point_step");
     const std::string_view name = text(field.name);
     if (name == "x" || name == "y" || name == "z") {
       std::optional<Field>& axis = xyz[name[0] - 'x'];
@@ -107,19 +107,19 @@ Result<PointLayout> point_layout(const sensor_msgs_msg_dds__PointCloud2_& messag
   return PointLayout{*xyz[0], *xyz[1], *xyz[2], intensity ? intensity : reflectance};
 }
 
-/// Counts the points of a cloud, and keeps an even sample of their ranges.
+/// Counts the points of a cloud and keeps an even sample of their ranges.
 class Ranges {
  public:
   explicit Ranges(std::uint64_t points) : stride_(std::max<std::uint64_t>(1, points / 2048)) {}
 
-  /// Whether the point is taken.
-  bool count(double range_m, CloudCensus& census) {
-    const bool sampled = census.points++ % stride_ == 0;
-    census.not_finite += !std::isfinite(range_m);
-    census.at_origin += range_m == 0;
+  /// Returns whether the point is kept.
+  bool count(double range_m, CloudStatistics& statistics) {
+    const bool sampled = statistics.points++ % stride_ == 0;
+    statistics.not_finite += !std::isfinite(range_m);
+    statistics.at_origin += range_m == 0;
     if (!std::isfinite(range_m) || range_m == 0) return false;
     if (sampled) sample_.push_back(range_m);
-    census.too_far += range_m > max_range_m;
+    statistics.too_far += range_m > max_range_m;
     return range_m <= max_range_m;
   }
   [[nodiscard]] double median() {
@@ -134,8 +134,8 @@ class Ranges {
   std::vector<double> sample_;
 };
 
-/// `height` rows of `row_bytes`, of which the last needs no padding; a single row's step is not looked at, since some
-/// drivers write there what they have room for.
+/// Checks `height` rows of `row_bytes`. The last row needs no padding. The row_step of a cloud with one row is ignored:
+/// some drivers set it to the capacity of their buffer.
 Result<void> check_rows(const sensor_msgs_msg_dds__PointCloud2_& message, std::uint64_t height,
                         std::uint64_t row_bytes) {
   if (message.row_step < row_bytes)
@@ -143,11 +143,11 @@ Result<void> check_rows(const sensor_msgs_msg_dds__PointCloud2_& message, std::u
                 "row_step is less than width * point_step = " + std::to_string(row_bytes));
   const std::uint64_t needed = (height - 1) * message.row_step + row_bytes;
   if (message.data._length < needed)
-    return fail(ErrorCode::malformed_cloud_data, "fewer bytes of data than height, row_step and width promise");
+    return fail(ErrorCode::malformed_cloud_data, "fewer bytes of data than height, row_step and width need");
   if (height > 1 && message.row_step > row_bytes + max_row_padding)
     return fail(ErrorCode::malformed_row_step, "rows are padded by more than 4096 bytes");
   if (message.data._length > needed + max_row_padding + max_data_slack)
-    return fail(ErrorCode::malformed_cloud_data, "more bytes of data than height, row_step and width promise");
+    return fail(ErrorCode::malformed_cloud_data, "more bytes of data than height, row_step and width need");
   return {};
 }
 
@@ -197,7 +197,7 @@ Result<Lens> lens(std::string_view name, std::span<const double> d) {
   return lens;
 }
 
-/// The part of one side of the sensor that an image shows.
+/// The part of the sensor that an image shows, along one side.
 struct Extent {
   std::uint64_t offset, pixels, binning;
 
@@ -208,11 +208,10 @@ struct Extent {
   }
 };
 
-/// A roi of 0 pixels is all that there is from its offset on; a binning of 0 is 1.
+/// A roi of 0 pixels extends from its offset to the end; a binning of 0 means 1.
 Result<Extent> extent(std::uint32_t full, std::uint32_t offset, std::uint32_t roi, std::uint32_t binning) {
   if (offset >= full || roi > full - offset)
-    return fail(ErrorCode::malformed_roi,
-                "the roi reaches past the " + std::to_string(full) + " pixels of the full image");
+    return fail(ErrorCode::malformed_roi, "the roi exceeds the " + std::to_string(full) + " pixels of the full image");
   const Extent extent{offset, roi == 0 ? full - offset : roi, std::max(binning, 1U)};
   if (extent.binning > extent.pixels)
     return fail(ErrorCode::malformed_roi, "a binning of " + std::to_string(binning) + " leaves no pixel of the roi");
@@ -241,7 +240,7 @@ Result<DecodedCloud> decode_cloud(const sensor_msgs_msg_dds__PointCloud2_& messa
   DecodedCloud scan{{*stamp, {}}};
   const std::uint64_t row_bytes = width * message.point_step;
   if (points == 0 && message.data._length <= max_data_slack) return scan;
-  if (points == 0) return fail(ErrorCode::malformed_cloud_data, "more bytes of data than no points need");
+  if (points == 0) return fail(ErrorCode::malformed_cloud_data, "data without points");
   if (const auto sound = check_rows(message, height, row_bytes); !sound) return propagate(sound);
 
   const bool swap = message.is_bigendian != (std::endian::native == std::endian::big);
@@ -254,13 +253,13 @@ Result<DecodedCloud> decode_cloud(const sensor_msgs_msg_dds__PointCloud2_& messa
         return read_scalar(point + field.offset, field.type, swap);
       };
       const double x = read(layout->x), y = read(layout->y), z = read(layout->z);
-      if (!ranges.count(std::hypot(x, y, z), scan.census)) continue;
+      if (!ranges.count(std::hypot(x, y, z), scan.statistics)) continue;
       const float reflectance = layout->reflectance ? static_cast<float>(read(*layout->reflectance)) : 0.0F;
       scan.points.push_back({static_cast<float>(x), static_cast<float>(y), static_cast<float>(z),
                              std::isfinite(reflectance) ? reflectance : 0.0F});
     }
   }
-  scan.census.median_range_m = ranges.median();
+  scan.statistics.median_range_m = ranges.median();
   return scan;
 }
 

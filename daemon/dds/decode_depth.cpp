@@ -15,7 +15,7 @@ T read_as(const std::uint8_t* bytes, bool swap) {
   return std::bit_cast<T>(raw);
 }
 
-/// `to_inverse` is asked for each pixel: its value, column and row.
+/// `to_inverse` is called for each pixel with its value, column and row.
 template <typename Pixel, typename ToInverse>
 Result<DepthImage> read_pixels(const sensor_msgs_msg_dds__Image_& message, Timestamp stamp, const ImageBound& bound,
                                ToInverse to_inverse) {
@@ -67,13 +67,13 @@ Result<DepthImage> decode_disparity(const stereo_msgs_msg_dds__DisparityImage_& 
     return fail(ErrorCode::malformed_disparity_scale, "f (pixels) and t (metres) must be positive");
   const float least = message.min_disparity, most = message.max_disparity;
   if (!std::isfinite(least) || !std::isfinite(most) || least > most)
-    return fail(ErrorCode::malformed_disparity_range, "min_disparity and max_disparity must be numbers in this order");
+    return fail(ErrorCode::malformed_disparity_range, "min_disparity must not exceed max_disparity, and both must be finite");
   const auto& window = message.valid_window;
   const bool whole = window.width == 0 || window.height == 0;
   const std::uint64_t right = std::uint64_t{window.x_offset} + window.width,
                       bottom = std::uint64_t{window.y_offset} + window.height;
   if (!whole && (right > message.image.width || bottom > message.image.height))
-    return fail(ErrorCode::malformed_valid_window, "the valid window reaches past the image");
+    return fail(ErrorCode::malformed_valid_window, "the valid window exceeds the image");
   const bool bounded = least < most;
   return read_pixels<float>(message.image, *stamp, bound, [&](float disparity, std::uint32_t u, std::uint32_t v) {
     const bool inside = whole || (u >= window.x_offset && v >= window.y_offset && u < right && v < bottom);

@@ -14,7 +14,7 @@ namespace {
 constexpr std::uint64_t max_compressed_bytes = 32'000'000;
 constexpr int as_it_is = -1, scale_grey16 = -2, no_colour = -3;
 
-/// How an encoding becomes grey and RGB: an OpenCV colour code, or one of those above.
+/// How an encoding is converted to grey and to RGB: a colour code of OpenCV, or one of those above.
 struct Encoding {
   std::string_view name;
   int opencv_type;
@@ -52,7 +52,7 @@ Result<Encoding> find_encoding(std::string_view name) {
   return fail(ErrorCode::malformed_encoding, "encoding '" + std::string(name.substr(0, 32)) + "' is not supported");
 }
 
-/// By bytes, because a row of a padded image may begin at an odd address. 65535 becomes 255, rounded to
+/// Reads bytes, because a row of a padded image may begin at an odd address. 0 .. 65535 becomes 0 .. 255, rounded to
 /// nearest.
 void scale_to_8_bit(const sensor_msgs_msg_dds__Image_& message, Image& image) {
   const int high = message.is_bigendian ? 0 : 1;
@@ -66,7 +66,7 @@ void scale_to_8_bit(const sensor_msgs_msg_dds__Image_& message, Image& image) {
   }
 }
 
-/// Into `out`, which has the size already.
+/// Converts into `out`, which has the right size.
 Result<void> convert(const cv::Mat& in, int conversion, int type, std::vector<std::uint8_t>& out) {
   try {
     cv::Mat to(in.rows, in.cols, type, out.data());
@@ -74,10 +74,10 @@ Result<void> convert(const cv::Mat& in, int conversion, int type, std::vector<st
       in.copyTo(to);
     else
       cv::cvtColor(in, to, conversion);
-    if (to.data != out.data()) return fail(ErrorCode::malformed_image_data, "the conversion changed its size");
+    if (to.data != out.data()) return fail(ErrorCode::malformed_image_data, "the conversion changes the size of the image");
   } catch (const cv::Exception& e) {
     if (e.code == cv::Error::StsNoMem) return fail(ErrorCode::out_of_memory, "there is no memory for the image");
-    return fail(ErrorCode::malformed_image_data, "OpenCV refuses it: " + e.err);
+    return fail(ErrorCode::malformed_image_data, "OpenCV cannot convert it: " + e.err);
   }
   return {};
 }

@@ -8,7 +8,7 @@ constexpr double max_rate_rad_s = 100;
 Result<TurnRate> turn_rate(const std_msgs_msg_dds__Header_& header, const geometry_msgs_msg_dds__Vector3_& velocity) {
   const auto stamp = decode_stamp(header);
   if (!stamp) return propagate(stamp);
-  // Not std::hypot: GCC's takes (0, 0, NaN) for 0.
+  // Not std::hypot: that of GCC returns 0 for (0, 0, NaN).
   const double rate = Eigen::Vector3d(velocity.x, velocity.y, velocity.z).norm();
   if (!(rate <= max_rate_rad_s))
     return fail(ErrorCode::malformed_angular_velocity, "the angular velocity is not finite, or not below 100 rad/s");
@@ -19,8 +19,7 @@ Result<TurnRate> turn_rate(const std_msgs_msg_dds__Header_& header, const geomet
 
 Result<TurnRate> decode_imu(const sensor_msgs_msg_dds__Imu_& message) {
   if (message.angular_velocity_covariance[0] == -1)
-    return fail(ErrorCode::malformed_angular_velocity,
-                "the sensor says (covariance -1) that it measures no angular velocity");
+    return fail(ErrorCode::malformed_angular_velocity, "the sensor does not measure angular velocity (covariance -1)");
   return turn_rate(message.header, message.angular_velocity);
 }
 

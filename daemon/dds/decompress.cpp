@@ -17,16 +17,16 @@ namespace {
 
 using Bytes = std::span<const std::uint8_t>;
 
-/// Both libraries leave by a long jump when they fail. What must survive it, and has no destructor to be jumped over,
-/// is here, not among the locals of who is left.
+/// Both libraries report failure by longjmp, which leaves the locals of the function that it returns to undefined and
+/// runs no destructors. What is needed after it is kept here.
 struct Jpeg {
-  jpeg_error_mgr error;  // first: libjpeg knows this by its address
+  jpeg_error_mgr error;  // first: libjpeg hands back its address, which is that of this struct
   jpeg_decompress_struct decompress;
   std::jmp_buf failed;
   char message[JMSG_LENGTH_MAX];
 };
 
-/// A progressive JPEG is held whole: 2 bytes for each of 3 coefficients a pixel, with sides rounded up.
+/// libjpeg keeps all coefficients of a progressive JPEG: 3 of 2 bytes each per pixel, with sides rounded up.
 long jpeg_memory(ImageSize size) { return 8L * (size.width + 64) * (size.height + 64) + (16L << 20); }
 
 bool read_jpeg(Jpeg& jpeg, Bytes bytes, ImageSize size, int channels, std::uint8_t* out) {
@@ -89,7 +89,7 @@ void png_reads(png_structp png, png_bytep out, std::size_t count) {
   from.left -= count;
 }
 
-/// 16 bits become 8, what is transparent opaque; interlaced pixels are put where they belong.
+/// Reduces 16 bits to 8, drops transparency, and sorts interlaced rows.
 int ask_for_pixels(const Png& from, int channels) {
   png_set_expand(from.png);
   png_set_strip_16(from.png);
@@ -97,7 +97,7 @@ int ask_for_pixels(const Png& from, int channels) {
   if (channels == 3)
     png_set_gray_to_rgb(from.png);
   else if ((png_get_color_type(from.png, from.info) & PNG_COLOR_MASK_COLOR) != 0)
-    png_set_rgb_to_gray(from.png, PNG_ERROR_ACTION_NONE, 0.299, 0.587);  // as of images that come raw
+    png_set_rgb_to_gray(from.png, PNG_ERROR_ACTION_NONE, 0.299, 0.587);  // OpenCV's weights, as for raw images
   const int passes = png_set_interlace_handling(from.png);
   png_read_update_info(from.png, from.info);
   return passes;
@@ -117,7 +117,8 @@ bool read_png(Png& from, ImageSize size, int channels, std::uint8_t* out) {
     return false;
   for (int pass = 0; pass < passes; ++pass)
     for (int row = 0; row < size.height; ++row) {
-      // With the last row libpng decompresses all that is left, whatever it becomes: no more is left than a row takes.
+      // With the last row libpng decompresses the rest of the data, however much that becomes: it is limited to one
+      // row.
       if (pass + 1 == passes && row + 1 == size.height)
         from.left = std::min<std::size_t>(from.left, 8 * static_cast<std::size_t>(size.width) + 16384);
       png_read_row(from.png, out + static_cast<std::size_t>(row) * row_bytes, nullptr);

@@ -8,9 +8,9 @@
 
 namespace calib {
 
-/// The pixels of a JPEG or PNG that `check_compressed` has passed, by libjpeg and libpng themselves: unlike OpenCV's
-/// decoders they then write nothing to standard error, read no further than the last pixel, and keep to bounds on
-/// memory. 8 bit, row by row; `channels` is 1 for grey or 3 for RGB, and `out` has room for them all. Fails with
+/// Decodes a JPEG or PNG that `check_compressed` has accepted into `out`: 8 bit, row-major, without padding, with 1
+/// (grey) or 3 (RGB) `channels`, for which `out` has the exact size. Calls libjpeg and libpng directly: OpenCV's
+/// decoders write to standard error, read past the last pixel and do not limit their memory. Fails with
 /// `malformed:compressed_data` or `out_of_memory`.
 [[nodiscard]] Result<void> decompress(std::span<const std::uint8_t> bytes, const CompressedHeader& header, int channels,
                                       std::span<std::uint8_t> out);

@@ -10,7 +10,7 @@
 namespace calib {
 namespace {
 
-/// Of a name that anybody may have made, as much as a name of ROS or DDS may have.
+/// An untrusted name, cut to the longest that ROS and DDS allow.
 std::string short_text(const char* name) { return std::string(std::string_view(name).substr(0, 300)); }
 
 std::string partition_of(const dds_qos_t* qos) {
@@ -19,7 +19,7 @@ std::string partition_of(const dds_qos_t* qos) {
   if (!dds_qget_partition(qos, &count, &names)) return {};
   std::string first = count > 0 ? short_text(names[0]) : "";
   for (std::uint32_t i = 0; i < count; ++i) {
-    if (*names[i] == '\0' || std::string_view(names[i]) == "*") first.clear();  // the default one is among them
+    if (*names[i] == '\0' || std::string_view(names[i]) == "*") first.clear();  // the default partition is one of them
     dds_free(names[i]);
   }
   dds_free(names);
@@ -30,23 +30,23 @@ bool offers_xcdr1(const dds_qos_t* qos) {
   std::uint32_t count = 0;
   dds_data_representation_id_t* ids = nullptr;
   if (!dds_qget_data_representation(qos, &count, &ids) || count == 0) return true;
-  // A writer sends the first of what it offers.
+  // A writer uses the first representation that it offers.
   const bool offers = ids[0] == DDS_DATA_REPRESENTATION_XCDR1;
   dds_free(ids);
   return offers;
 }
 
-/// Reliability, durability, deadline, liveliness and order fit whatever is offered: calibd asks for the least of each.
+/// Reliability, durability, deadline, liveliness and order match any offer: calibd requests the weakest of each.
 std::string obstacle_of(const dds_qos_t* qos) {
   if (const std::string partition = partition_of(qos); !partition.empty())
-    return "it publishes in the DDS partition '" + partition + "' only, and calibd reads the default one";
+    return "it publishes in the DDS partition '" + partition + "' only, and calibd reads the default partition";
   dds_ownership_kind_t ownership = DDS_OWNERSHIP_SHARED;
   if (dds_qget_ownership(qos, &ownership) && ownership == DDS_OWNERSHIP_EXCLUSIVE)
-    return "its ownership is exclusive, and ROS 2 readers ask for shared";
+    return "its ownership is exclusive, and ROS 2 readers request shared";
   dds_duration_t latency = 0;
   if (dds_qget_latency_budget(qos, &latency) && latency > 0)
-    return "its latency budget is not zero, and ROS 2 readers ask for none";
-  if (!offers_xcdr1(qos)) return "it sends XCDR2, and ROS 2 readers ask for XCDR1";
+    return "its latency budget is not zero, and ROS 2 readers request zero";
+  if (!offers_xcdr1(qos)) return "it sends XCDR2, and ROS 2 readers request XCDR1";
   return {};
 }
 

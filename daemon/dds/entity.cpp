@@ -13,14 +13,14 @@ struct DeleteQos {
 };
 using Qos = std::unique_ptr<dds_qos_t, DeleteQos>;
 
-Qos make_qos(const MessageType& type, const Keeping& keeping) {
+Qos make_qos(const MessageType& type, const QosProfile& profile) {
   Qos qos(dds_create_qos());
-  dds_qset_reliability(qos.get(), keeping.reliable ? DDS_RELIABILITY_RELIABLE : DDS_RELIABILITY_BEST_EFFORT,
+  dds_qset_reliability(qos.get(), profile.reliable ? DDS_RELIABILITY_RELIABLE : DDS_RELIABILITY_BEST_EFFORT,
                        DDS_MSECS(100));
-  dds_qset_history(qos.get(), DDS_HISTORY_KEEP_LAST, keeping.depth);
-  dds_qset_durability(qos.get(), keeping.durable ? DDS_DURABILITY_TRANSIENT_LOCAL : DDS_DURABILITY_VOLATILE);
-  if (keeping.durable)  // late readers are served by this history, not by the writer's own
-    dds_qset_durability_service(qos.get(), 0, DDS_HISTORY_KEEP_LAST, keeping.depth, DDS_LENGTH_UNLIMITED,
+  dds_qset_history(qos.get(), DDS_HISTORY_KEEP_LAST, profile.depth);
+  dds_qset_durability(qos.get(), profile.durable ? DDS_DURABILITY_TRANSIENT_LOCAL : DDS_DURABILITY_VOLATILE);
+  if (profile.durable)  // late readers get this history, not that of the writer
+    dds_qset_durability_service(qos.get(), 0, DDS_HISTORY_KEEP_LAST, profile.depth, DDS_LENGTH_UNLIMITED,
                                 DDS_LENGTH_UNLIMITED, DDS_LENGTH_UNLIMITED);
   const dds_data_representation_id_t xcdr1 = DDS_DATA_REPRESENTATION_XCDR1;
   dds_qset_data_representation(qos.get(), 1, &xcdr1);
@@ -32,12 +32,12 @@ Qos make_qos(const MessageType& type, const Keeping& keeping) {
 using Create = dds_entity_t (*)(dds_entity_t, dds_entity_t, const dds_qos_t*, const dds_listener_t*);
 
 Result<Endpoint> make_endpoint(Create create, dds_entity_t participant, const MessageType& type,
-                               std::string_view topic_name, const Keeping& keeping) {
+                               std::string_view topic_name, const QosProfile& profile) {
   const auto name = dds_topic_name(topic_name);
   if (!name) return propagate(name);
   auto topic = own(dds_create_topic(participant, type.descriptor, name->c_str(), nullptr, nullptr), *name);
   if (!topic) return propagate(topic);
-  const Qos qos = make_qos(type, keeping);
+  const Qos qos = make_qos(type, profile);
   auto endpoint = own(create(participant, topic->get(), qos.get(), nullptr), *name);
   if (!endpoint) return propagate(endpoint);
   return Endpoint{std::move(*topic), std::move(*endpoint)};
@@ -56,13 +56,13 @@ Result<Entity> own(dds_entity_t returned, std::string_view what) {
 }
 
 Result<Endpoint> make_reader(dds_entity_t participant, const MessageType& type, std::string_view topic,
-                             const Keeping& keeping) {
-  return make_endpoint(&dds_create_reader, participant, type, topic, keeping);
+                             const QosProfile& profile) {
+  return make_endpoint(&dds_create_reader, participant, type, topic, profile);
 }
 
 Result<Endpoint> make_writer(dds_entity_t participant, const MessageType& type, std::string_view topic,
-                             const Keeping& keeping) {
-  return make_endpoint(&dds_create_writer, participant, type, topic, keeping);
+                             const QosProfile& profile) {
+  return make_endpoint(&dds_create_writer, participant, type, topic, profile);
 }
 
 }  // namespace calib

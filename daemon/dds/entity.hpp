@@ -9,7 +9,7 @@
 
 namespace calib {
 
-/// Owns one Cyclone entity, and with it the entities made from it.
+/// Owns a Cyclone entity and the entities that were created from it.
 class Entity {
  public:
   Entity() = default;
@@ -28,34 +28,33 @@ class Entity {
   dds_entity_t entity_ = 0;
 };
 
-/// What Cyclone returned: the entity, or `dds_failed` with `what` was tried and Cyclone's own words.
+/// Takes ownership of an entity that Cyclone returned. Fails with `dds_failed`, `what` was tried and Cyclone's message.
 [[nodiscard]] Result<Entity> own(dds_entity_t returned, std::string_view what);
+/// Fails likewise if Cyclone returned an error.
 [[nodiscard]] Result<void> check(dds_return_t returned, std::string_view what);
 
-/// A type as it goes over the wire: Cyclone's descriptor and the hash by which ROS 2 (Iron and later) knows
-/// it.
+/// A type of DDS messages: Cyclone's descriptor, and the type hash (REP 2016) that ROS 2 Iron and later announce.
 struct MessageType {
   const dds_topic_descriptor_t* descriptor;
   std::string_view rihs01;
 };
 
-/// How a reader or writer keeps samples. `durable` is TRANSIENT_LOCAL (late readers get the last `depth`),
-/// else VOLATILE.
-struct Keeping {
+/// Quality of service of a reader or writer. `durable` is TRANSIENT_LOCAL (late readers get the last `depth` samples),
+/// otherwise VOLATILE.
+struct QosProfile {
   bool reliable = false;
   bool durable = false;
   int depth = 1;
 };
 
-/// Topic and endpoint in one call; both live as long as `topic_and_endpoint`. XCDR1 always: ROS 2 allows
-/// nothing else.
+/// A reader or writer and its topic. The representation is always XCDR1, the only one that ROS 2 allows.
 struct Endpoint {
   Entity topic;
   Entity endpoint;
 };
 [[nodiscard]] Result<Endpoint> make_reader(dds_entity_t participant, const MessageType& type,
-                                           std::string_view topic, const Keeping& keeping);
+                                           std::string_view topic, const QosProfile& profile);
 [[nodiscard]] Result<Endpoint> make_writer(dds_entity_t participant, const MessageType& type,
-                                           std::string_view topic, const Keeping& keeping);
+                                           std::string_view topic, const QosProfile& profile);
 
 }  // namespace calib

@@ -20,7 +20,7 @@ ImageBound ImageBound::similar(ImageSize size, std::string key) { return {Rule::
 std::int64_t ImageBound::max_pixels() const {
   const std::int64_t most = rule_ == Rule::any       ? max_image_pixels
                             : rule_ == Rule::exactly ? pixels(size_)
-                                                     : most_times * pixels(size_);
+                                                     : max_pixel_ratio * pixels(size_);
   return std::min(most, max_image_pixels);
 }
 
@@ -30,13 +30,13 @@ Result<void> ImageBound::check(ImageSize seen) const {
   };
   if (rule_ == Rule::exactly && seen != size_) return refuse("and " + key_ + " is " + words(size_));
   if (pixels(seen) > max_pixels())
-    return refuse("more than " + std::to_string(most_times) + " times the pixels of " + words(size_) + " (" + key_ +
-                  ")");
+    return refuse("more than " + std::to_string(max_pixel_ratio) + " times the pixels of " + words(size_) + " (" +
+                  key_ + ")");
   if (rule_ == Rule::scaled) {
-    const double stretched =
+    const double ratio =
         static_cast<double>(seen.width) * size_.height / (static_cast<double>(seen.height) * size_.width);
-    if (std::abs(stretched - 1) > 0.01)
-      return refuse("which is no scaled picture of the camera's " + words(size_) + " (" + key_ +
+    if (std::abs(ratio - 1) > 0.01)
+      return refuse("which does not have the aspect ratio of the camera's " + words(size_) + " (" + key_ +
                     "); give the depth camera's own intrinsics (depth.camera and T_camera_depth)");
   }
   return {};

@@ -16,25 +16,25 @@ struct ImageSize {
 };
 [[nodiscard]] inline ImageSize size_of(const Camera& camera) { return {camera.width(), camera.height()}; }
 
-/// The sizes that a topic's images may have. Asked with what an image's header says, before anything of the image is
-/// decoded, converted or allocated.
+/// The sizes that the images of a topic may have. Checked against the header of an image, before anything is decoded,
+/// converted or allocated.
 class ImageBound {
  public:
-  /// What is not told a size more exactly has at most so many times the pixels of what it is compared with.
-  static constexpr std::int64_t most_times = 4;
+  /// `scaled` and `similar` images have at most this many times the pixels of the reference size.
+  static constexpr std::int64_t max_pixel_ratio = 4;
 
   /// Any size up to 64 Mpx.
   ImageBound() = default;
-  /// `key` is where the configuration says so, such as camera.size.
+  /// Images of this size. `key` is that of the configuration, such as camera.size.
   [[nodiscard]] static ImageBound exactly(ImageSize size, std::string key);
-  /// Images that show what those of `size` show: their sides' ratio is the same to 1 %, as libcalib's depth asks.
+  /// Scaled versions of images of `size`: same aspect ratio to 1 %, as `make_topic_depth` requires.
   [[nodiscard]] static ImageBound scaled(ImageSize size, std::string key);
-  /// Images of which no more is known than that they belong to those of `size`.
+  /// Images of unknown size that are taken together with images of `size`.
   [[nodiscard]] static ImageBound similar(ImageSize size, std::string key);
 
-  /// Fails with `image_size_mismatch`, which names both sizes and the key.
+  /// Fails with `image_size_mismatch`; the message names both sizes and the key.
   [[nodiscard]] Result<void> check(ImageSize seen) const;
-  /// Of the largest image that is taken.
+  /// Of the largest image that is accepted.
   [[nodiscard]] std::int64_t max_pixels() const;
 
  private:

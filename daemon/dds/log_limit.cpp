@@ -25,7 +25,7 @@ void LogLimit::log(int priority, std::string_view text) {
   if (passes) write_(priority, fmt::format("{}: {}", who_, text));
 }
 
-void LogLimit::tell_if_due() {
+void LogLimit::report_if_due() {
   std::optional<std::string> summary;
   {
     const std::lock_guard lock(mutex_);
@@ -34,7 +34,7 @@ void LogLimit::tell_if_due() {
   if (summary) write_(warning, *summary);
 }
 
-void LogLimit::tell() {
+void LogLimit::report() {
   std::optional<std::string> summary;
   {
     const std::lock_guard lock(mutex_);
@@ -43,7 +43,8 @@ void LogLimit::tell() {
   if (summary) write_(warning, *summary);
 }
 
-/// Begins anew once the minute is over; returns what there is to tell of it.
+/// Starts a new minute if the last one is over. Returns the line that reports the last one, if it has something to
+/// report.
 std::optional<std::string> LogLimit::end_minute(std::chrono::steady_clock::time_point now) {
   if (!minute_ || now - *minute_ < std::chrono::minutes(1)) return std::nullopt;
   const std::uint64_t counted = lines_ > lines_per_minute ? lines_ - lines_per_minute : 0;

@@ -10,7 +10,7 @@
 namespace calib {
 namespace {
 
-/// What a peer shows or logs holds no control characters, and a C string no zero byte.
+/// Escaped, because receivers show and log it, and because a C string ends at a zero byte.
 char* dds_text(std::string_view text) { return dds_string_dup(escape_control(text).c_str()); }
 
 builtin_interfaces_msg_dds__Time_ ros_time(WallTime time) {
@@ -23,7 +23,7 @@ Message* zeroed() {
   return new (dds_alloc(sizeof(Message))) Message{};
 }
 
-/// Gives `sequence` room for `size` zeroed elements.
+/// Allocates `size` zeroed elements for `sequence`.
 template <typename Sequence>
 auto make_room(Sequence& sequence, std::size_t size) {
   using Element = std::remove_pointer_t<decltype(sequence._buffer)>;

@@ -12,8 +12,8 @@
 
 namespace calib {
 
-/// Descriptor and type hash of every message calibd speaks. The hashes are the same from ROS 2 Humble to
-/// Kilted.
+// Descriptor and type hash of every message that calibd reads or writes. The hashes are the same from ROS 2 Humble to
+// Kilted.
 inline const MessageType image_type{&sensor_msgs_msg_dds__Image__desc,
                                     "d31d41a9a4c4bc8eae9be757b0beed306564f7526c88ea6a4588fb9582527d47"};
 inline const MessageType compressed_image_type{&sensor_msgs_msg_dds__CompressedImage__desc,
@@ -35,14 +35,14 @@ inline const MessageType transforms_type{&tf2_msgs_msg_dds__TFMessage__desc,
 inline const MessageType drift_alert_type{&calibd_msgs_msg_dds__DriftAlert__desc,
                                           "fcba5c1a50cfc166e7cc573626b7eae80488aee377f42ca5ae0cc7763019899a"};
 
-/// A computed extrinsic to offer to others: the LiDAR's frame as child of the camera's optical frame.
+/// A computed extrinsic, published for other programs: the LiDAR's frame is the child of the camera's optical frame.
 struct ProposedExtrinsic {
   std::string camera_frame;
   std::string lidar_frame;
   RigidTransform T_camera_lidar = RigidTransform::Identity();
 };
 
-/// A message whose strings and sequences are Cyclone's allocations, freed with it.
+/// Frees a message together with its strings and sequences, which Cyclone allocated.
 template <typename Message, const dds_topic_descriptor_t& descriptor>
 struct FreeMessage {
   void operator()(Message* message) const { dds_sample_free(message, &descriptor, DDS_FREE_ALL); }
@@ -55,8 +55,8 @@ using DiagnosticArrayMessage =
 using TransformsMessage = Owned<tf2_msgs_msg_dds__TFMessage_, tf2_msgs_msg_dds__TFMessage__desc>;
 using DriftAlertMessage = Owned<calibd_msgs_msg_dds__DriftAlert_, calibd_msgs_msg_dds__DriftAlert__desc>;
 
-/// One DiagnosticStatus per pair: calibrated is OK, suspect WARN, drifted ERROR, not_evaluated STALE. Names
-/// end with their unit; degrees and centimetres, as people read this.
+/// One DiagnosticStatus per pair. Its level is OK if calibrated, WARN if suspect, ERROR if drifted, STALE if not
+/// evaluated. Values are for people: in degrees and centimetres, with the unit at the end of the key.
 [[nodiscard]] DiagnosticArrayMessage diagnostics_message(const Status& status, WallTime now);
 [[nodiscard]] TransformsMessage transforms_message(std::span<const ProposedExtrinsic> proposed, WallTime now);
 [[nodiscard]] DriftAlertMessage drift_alert_message(const DriftAlert& alert);

@@ -8,8 +8,8 @@
 
 namespace calib {
 
-/// What `decode` returns, a `Result`. Nothing that is thrown over a message may end the daemon: it becomes
-/// `out_of_memory` or `malformed:refused`.
+/// Calls `decode`, which returns a `Result`, and turns an exception into `out_of_memory` or `malformed:refused`: no
+/// message may end the daemon.
 template <typename Decode>
 auto no_throw(Decode decode) -> decltype(decode()) {
   try {

@@ -10,22 +10,22 @@
 namespace calib {
 namespace {
 
-/// All of the fastest IMU's for as long as it takes to decode a large image.
+/// Holds all samples of a fast IMU that arrive while a large image is decoded.
 constexpr int motion_history = 256;
 
-SeenImage seen(const sensor_msgs_msg_dds__Image_& message) {
+UndecodedImage seen(const sensor_msgs_msg_dds__Image_& message) {
   return {decode_stamp(message.header).value_or(Timestamp{}),
           {static_cast<int>(message.width), static_cast<int>(message.height)}};
 }
-SeenImage seen(const stereo_msgs_msg_dds__DisparityImage_& message) { return seen(message.image); }
-SeenImage seen(const sensor_msgs_msg_dds__CompressedImage_& message) {
+UndecodedImage seen(const stereo_msgs_msg_dds__DisparityImage_& message) { return seen(message.image); }
+UndecodedImage seen(const sensor_msgs_msg_dds__CompressedImage_& message) {
   const auto header = probe_compressed({message.data._buffer, message.data._length});
   return {decode_stamp(message.header).value_or(Timestamp{}), header ? header->size : ImageSize{}};
 }
 
 }  // namespace
 
-/// Takes the next sample, as `As`, or as `Malformed`.
+/// The next sample, as `As` or as `Malformed`.
 template <typename As, typename Message, auto decode>
 Result<std::optional<Sample>> SamplingWindow::take_next(dds_entity_t reader, const std::string& topic,
                                                         const Limits& limits) {
@@ -91,7 +91,7 @@ Result<void> SamplingWindow::add_all(dds_entity_t participant, const PairTopics&
   using Info = sensor_msgs_msg_dds__CameraInfo_;
 
   Result<void> added;
-  if (topics.motion)  // first: a pair needs what was before it
+  if (topics.motion)  // first: a pair needs the turn rates from before it
     added = topics.motion->message == MotionMessage::imu
                 ? add(participant, imu_type, topics.motion->name, take_next<TurnRate, sensor_msgs_msg_dds__Imu_, imu>,
                       {}, motion_history)
@@ -122,7 +122,7 @@ Result<void> SamplingWindow::add_all(dds_entity_t participant, const PairTopics&
 
 Result<void> SamplingWindow::add(dds_entity_t participant, const MessageType& type, const std::string& topic, Take take,
                                  Limits limits, int history) {
-  // Best effort matches reliable and best-effort writers, and a slow reader holds no writer back.
+  // A best-effort reader matches reliable and best-effort writers, and does not slow a writer down.
   auto endpoint = make_reader(participant, type, topic, {.reliable = false, .durable = false, .depth = history});
   if (!endpoint) return propagate(endpoint);
   auto new_sample = own(dds_create_readcondition(endpoint->endpoint.get(), DDS_ANY_STATE), topic);

@@ -12,7 +12,7 @@
 
 namespace calib {
 
-/// The ROS topics of a camera-LiDAR pair. One that ends in `/compressed` is read as CompressedImage.
+/// The ROS topics of a camera-LiDAR pair. Those that end in `/compressed` are read as CompressedImage.
 struct PairTopics {
   std::string image;
   std::optional<std::string> right_image = {};
@@ -21,9 +21,8 @@ struct PairTopics {
   std::optional<std::string> right_camera_info = {};
   std::optional<DepthTopic> depth = {};
   std::optional<MotionTopic> motion = {};
-  /// Of `image`.
-  Colour colour = Colour::none;
-  /// What is larger, or another size, is refused by its header.
+  Colour colour = Colour::none;  // of `image`
+  /// Images of other sizes are not decoded.
   ImageBound image_bound = {}, right_bound = {}, depth_bound = {};
   std::uint64_t max_points = max_cloud_points;
 };
@@ -37,34 +36,33 @@ struct RightImage {
 struct RightCameraInfo {
   CameraInfo info;
 };
-/// What an image that was not decoded says of itself.
-struct SeenImage {
+/// Stamp and size of an image that was not decoded, from its header.
+struct UndecodedImage {
   Timestamp stamp{};
   ImageSize size;
 };
-/// A message that was received and is not usable; `topic` as configured, `error.code` is one of `malformed:*`,
-/// `image_size_mismatch` (then with what the image says of itself) and `out_of_memory`: a closed set.
+/// A message that cannot be used. `topic` is as configured; `error.code` is `malformed:*`, `image_size_mismatch` (then
+/// `image` is set) or `out_of_memory`.
 struct Malformed {
   std::string topic;
   Error error;
-  std::optional<SeenImage> image = {};
+  std::optional<UndecodedImage> image = {};
 };
 using Sample =
     std::variant<LeftImage, RightImage, DecodedCloud, CameraInfo, RightCameraInfo, DepthImage, TurnRate, Malformed>;
 
-/// Readers of a pair's topics, for as long as this lives: nothing else of calibd makes a sensor's data
-/// travel. Must not outlive the `Bus` that opened it. Used by one thread at a time, which need not be the one that
-/// opened it nor the one that ends it: `wait` may run on another, as long as the window outlives the call.
+/// The readers of a pair's topics. Sensors send their data to calibd only while a window exists. A window must not
+/// outlive the `Bus` that opened it. It may be opened, read and destroyed by different threads, one at a time.
 class SamplingWindow {
  public:
   /// `interrupt` is a guard condition of `participant`. Fails with `bad_topic` or `dds_failed`.
   [[nodiscard]] static Result<SamplingWindow> open(dds_entity_t participant, dds_entity_t interrupt,
                                                    const PairTopics& topics);
 
-  /// Blocks until a sample arrives, the bus is interrupted, or `timeout` is over; returns the newest sample
-  /// of each topic that has a new one (so at most one per topic, and the latest 256 of the topic of motion; none after
-  /// a time-out or an interrupt). Decodes them, which takes as long as decode.hpp's bounds let it. Nothing is thrown
-  /// for what a message holds: it ends as `Malformed`.
+  /// Waits until a sample arrives, the bus is interrupted, or `timeout` has passed. Returns the newest sample of each
+  /// topic that has a new one, and of the motion topic the newest 256; none after a timeout or an interrupt. Decodes
+  /// them, which takes at most as long as decode.hpp says. A message that cannot be decoded becomes `Malformed`; none
+  /// makes this fail or throw.
   [[nodiscard]] Result<std::vector<Sample>> wait(std::chrono::nanoseconds timeout);
 
  private:

@@ -31,6 +31,11 @@ class Calibctl:
         return types.SimpleNamespace(exit=ended.returncode, out=ended.stdout.decode(), err=ended.stderr.decode())
 
 
+def unwrapped(text):
+    """What `calibctl status` printed, with the lines joined that it broke at a space."""
+    return text.replace("\n" + 16 * " " + ": ", " ")
+
+
 @pytest.fixture
 def bare(bin_dir, tmp_path):
     """calibctl with nothing there yet."""

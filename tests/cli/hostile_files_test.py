@@ -13,7 +13,7 @@ import types
 
 import pytest
 
-from conftest import DONE, FAILED, NO, NOT_FOUND
+from conftest import DONE, FAILED, NO, NOT_FOUND, unwrapped
 
 SECONDS = 60  # far longer than any of this takes, far shorter than for ever
 
@@ -214,7 +214,7 @@ def test_a_store_is_made_of_regular_files(calibctl, ended, spoil, why):
         for command in ("verify", "history", "show"):
             done = ended(*calibctl.command(command))
             assert done.exit == FAILED and done.out == "" and f"{path} is no regular file" in done.err
-        assert f"{path} is no regular file" in ended(*calibctl.command("status")).out
+        assert f"{path} is no regular file" in unwrapped(ended(*calibctl.command("status")).out)
         path.unlink()
 
 

@@ -24,7 +24,14 @@ class Peer:
         self.socket = socket.socket(socket.AF_UNIX)
         self.socket.bind(str(path))
         self.socket.listen()
-        threading.Thread(target=self._serve, daemon=True).start()
+        self.thread = threading.Thread(target=self._serve, daemon=True)
+        self.thread.start()
+
+    def close(self):
+        """Ends the thread first: else its `accept` may get the file descriptor of the next peer."""
+        self.socket.shutdown(socket.SHUT_RDWR)
+        self.thread.join()
+        self.socket.close()
 
     def _serve(self):
         while True:
@@ -50,7 +57,7 @@ def peer(calibctl):
 
     yield listen
     for each in peers:
-        each.socket.close()
+        each.close()
 
 
 def test_the_snapshot_of_a_dead_daemon_is_shown_as_that(calibctl, schema):
@@ -70,14 +77,34 @@ def test_the_snapshot_of_a_dead_daemon_is_shown_as_that(calibctl, schema):
 
 def test_status_says_signs_as_words_and_aligns_its_colons(calibctl):
     out = calibctl("status").out
-    for words in ("Verdict         : calibrated\n", "Roll            : 0.10 degrees right side down, sigma 0.06; detection limit 0.11",
+    for words in ("Verdict         : calibrated\n", "Roll            : 0.10 degrees right side down, sigma 0.06, detection limit 0.11",
                   "Pitch           : 0.20 degrees nose up", "Yaw             : 0.60 degrees to the left",
-                  "X               : not observable\n", "Y               : 2.0 cm to the left, sigma 0.1; detection limit 0.2\n",
+                  "X               : not observable\n", "Y               : 2.0 cm to the left, sigma 0.1, detection limit 0.2\n",
                   "Z               : 0.0 cm, sigma",
                   "Skipped         : 4 (dark 1, low_overlap 3)", "Image           : /camera/left/image, 0.2 s ago",
                   "Cloud           : /lidar/points, never seen", "12.5 ms, cloud before image", "verified"):
         assert words in out
     assert all(line[16:18] == ": " for line in out.splitlines() if line)
+
+
+def test_status_lines_are_short_and_each_detail_has_a_line_of_its_own(calibctl, peer):
+    status = json.loads(calibctl.snapshot.read_text())
+    pair = status["pairs"][0]
+    pair["evidence"], pair["verdict"] = None, "not_evaluated"
+    pair["reason"] = "sensor_silent: no image arrived; " + "a detail of many words " * 10 + "; \x1b[31mthe last one"
+    pair["skipped"] = {f"malformed:reason_{number}": 10**6 for number in range(20)}
+    pair["inputs"]["image"]["topic"] = "/" + "a" * 200
+    status["records"]["missing"] = "records that calibd had written are missing: " + "some words " * 20
+    peer({"ok": True, "status": status})
+    lines = calibctl("status").out.splitlines()
+    assert all(len(line) <= 100 for line in lines if "aaaa" not in line)
+    assert all(line[16:18] == ": " for line in lines if line)
+    first = lines.index("Reason          : sensor_silent: no image arrived")
+    assert lines[first + 1].startswith("                : a detail of many words a detail")
+    assert lines[first + 4] == "                : \\x1b[31mthe last one"
+    shown = " ".join(line[18:] for line in lines)
+    assert shown.count("a detail of many words") == 10 and shown.count("some words") == 20
+    assert all(f"malformed:reason_{number} 1000000" in shown for number in range(20))
 
 
 @pytest.mark.parametrize("change", [

@@ -272,7 +272,7 @@ TEST_CASE("a reader that joins late gets the proposed extrinsics that stand") {
   second.camera_frame = "camera_rear";
   require_ok(bus().publish_proposed(std::vector{first}, 1s));
   require_ok(bus().publish_proposed(std::vector{first, second}, 2s));
-  constexpr Keeping latched{.reliable = true, .durable = true, .depth = 50};
+  constexpr QosProfile latched{.reliable = true, .durable = true, .depth = 50};
   const auto reader =
       require_ok(make_reader(peer().participant(), transforms_type, "/calibd/tf_static_proposed", latched));
   int received = 0;
@@ -305,7 +305,7 @@ TEST_CASE("a reader that joins late gets the last 32 alerts in order") {
   alert.misalignment.sigma << 7, 8, 9, 10, 11, 12;
   for (alert.alert_sequence = 1; alert.alert_sequence <= 40; ++alert.alert_sequence)
     require_ok(bus().publish_alert(alert));
-  constexpr Keeping latched{.reliable = true, .durable = true, .depth = 64};
+  constexpr QosProfile latched{.reliable = true, .durable = true, .depth = 64};
   const auto reader = require_ok(make_reader(peer().participant(), drift_alert_type, "/calibd/drift_alert", latched));
   std::vector<std::uint64_t> sequences;
   CHECK(eventually([&] {

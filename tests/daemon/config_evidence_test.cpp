@@ -22,7 +22,7 @@ pairs:
     recalibration: {mode: propose, max_rotation_deg: 5}
 )";
 
-Config parsed(const std::string& text, const Places& places = {"/state", "/runtime", "/credentials"}) {
+Config parsed(const std::string& text, const DefaultFolders& places = {"/state", "/runtime", "/credentials"}) {
   return test::require_ok(parse_config(text, "c.yaml", places));
 }
 

@@ -57,7 +57,7 @@ TEST_CASE("the motion that the example in systemd/ comments out is right as well
   std::string example{std::istreambuf_iterator<char>(in), {}};
   const auto begin = example.find("    # motion:"), end = example.find("    drift:");
   REQUIRE((begin != std::string::npos && begin < end));
-  const Places places{"/state", "/runtime", "/credentials"};
+  const DefaultFolders places{"/state", "/runtime", "/credentials"};
   CHECK_FALSE(require_ok(parse_config(example, "c.yaml", places)).pairs[0].motion);
   for (auto at = begin; at < example.find("    drift:"); at = example.find('\n', at) + 1) example.erase(at + 4, 2);
   INFO(example.substr(begin, 400));

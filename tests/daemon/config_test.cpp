@@ -71,7 +71,7 @@ pairs:
     depth: {source: stereo, right_image: /r, baseline_m: 0.3}
 )";
 
-const Places places{"/state", "/runtime", "/credentials"};
+const DefaultFolders places{"/state", "/runtime", "/credentials"};
 
 Result<Config> parse(const std::string& yaml) { return parse_config(yaml, "c.yaml", places); }
 

@@ -49,17 +49,17 @@ TEST_CASE("points that are no measurement are dropped") {
   for (const std::size_t axis : {0, 1, 2}) set(3, axis, 0);  // the origin: no return
   set(4, 3, std::numeric_limits<float>::quiet_NaN());        // only the reflectance is lost
   const DecodedCloud scan = require_ok(decode(message));
-  CHECK(scan.census.points == 6);
-  CHECK(scan.census.not_finite == 2);
-  CHECK(scan.census.too_far == 1);
-  CHECK(scan.census.at_origin == 1);
+  CHECK(scan.statistics.points == 6);
+  CHECK(scan.statistics.not_finite == 2);
+  CHECK(scan.statistics.too_far == 1);
+  CHECK(scan.statistics.at_origin == 1);
   REQUIRE(scan.points.size() == 2);
   CHECK(scan.points[0].x_m == 5);
   CHECK(scan.points[0].reflectance == 0);
   CHECK(scan.points[1].x_m == 6);
 }
 
-TEST_CASE("the census tells how far points were that were dropped for being far") {
+TEST_CASE("the statistics tells how far points were that were dropped for being far") {
   CloudMessage message;
   for (std::size_t point = 0; point < 6; ++point) {
     const float x = 8000.0F + static_cast<float>(point);
@@ -67,8 +67,8 @@ TEST_CASE("the census tells how far points were that were dropped for being far"
   }
   const DecodedCloud scan = require_ok(decode(message));
   CHECK(scan.points.empty());
-  CHECK(scan.census.too_far == 6);
-  CHECK(scan.census.median_range_m == Approx(8003).epsilon(1e-3));
+  CHECK(scan.statistics.too_far == 6);
+  CHECK(scan.statistics.median_range_m == Approx(8003).epsilon(1e-3));
 }
 
 TEST_CASE("reflectance is intensity, else reflectance, else zero") {

@@ -41,7 +41,7 @@ TEST_CASE("what is no angular velocity is refused") {
   ImuMessage none;
   none.first_covariance = -1;
   CHECK_THAT(decode_imu(none.raw()).error().context,
-             Catch::Matchers::ContainsSubstring("measures no angular velocity"));
+             Catch::Matchers::ContainsSubstring("does not measure angular velocity"));
   ImuMessage late;
   late.nanosec = 1'000'000'000;
   CHECK(decode_imu(late.raw()).error().code == "malformed:stamp");

@@ -47,7 +47,7 @@ TEST_CASE("registered depth may be scaled, as libcalib takes it, and no larger t
   CHECK(refusal(bound, {1280, 960}).empty());
   CHECK(refusal(bound, {322, 240}).empty());
   CHECK(refusal(bound, {324, 240}) ==
-        "the image is 324 x 240, which is no scaled picture of the camera's 640 x 480 "
+        "the image is 324 x 240, which does not have the aspect ratio of the camera's 640 x 480 "
         "(camera.size); give the depth camera's own intrinsics (depth.camera and "
         "T_camera_depth)");
   CHECK(refusal(bound, {1284, 963}) ==

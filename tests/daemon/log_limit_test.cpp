@@ -30,13 +30,13 @@ TEST_CASE("ten lines a minute pass, the others are counted and told") {
   REQUIRE(log.lines.size() == 10);
   CHECK(log.lines[9] == "Cyclone DDS: malformed packet 9");
   log.now += 59s;
-  log.limit->tell_if_due();
+  log.limit->report_if_due();
   CHECK(log.lines.size() == 10);
   log.now += 1s;
-  log.limit->tell_if_due();
+  log.limit->report_if_due();
   REQUIRE(log.lines.size() == 11);
   CHECK(log.lines[10] == "Cyclone DDS: 1000 more messages in the last minute, the last: malformed packet 1009");
-  log.limit->tell_if_due();
+  log.limit->report_if_due();
   CHECK(log.lines.size() == 11);
 }
 
@@ -56,7 +56,7 @@ TEST_CASE("few lines pass as they are, and the end tells nothing of them") {
   Log log;
   for (int i = 0; i < 10; ++i) log.limit->log(4, "a");
   log.now += 2min;
-  log.limit->tell_if_due();
+  log.limit->report_if_due();
   log.limit.reset();
   CHECK(log.lines.size() == 10);
 }

@@ -16,25 +16,25 @@ const PairTopics stereo{.image = "/left/image", .right_image = "/right/image", .
 
 /// A probe of a stereo pair whose topics all have a publisher.
 struct Probed {
-  PairSeen seen{.camera = require_ok(Camera::make(CameraModel::rectified, 16, 16, {10, 10, 8, 8})),
+  PairObservation seen{.camera = require_ok(Camera::make(CameraModel::rectified, 16, 16, {10, 10, 8, 8})),
                 .depth_kind = StereoDepthConfig::kind};
   TopicProbe probe;
 
   Probed() : probe(seen, PairBuffer(50ms, {.right_image = true})) {
     seen.topics = topics_to_probe(stereo, false);
-    for (const TopicSeen& topic : seen.topics)
+    for (const TopicObservation& topic : seen.topics)
       if (topic.configured) seen.writers.push_back({topic.topic, topic.type, true, ""});
   }
 
-  const TopicSeen& topic(const std::string& check) {
-    return *std::ranges::find(seen.topics, check, &TopicSeen::check);
+  const TopicObservation& topic(const std::string& check) {
+    return *std::ranges::find(seen.topics, check, &TopicObservation::check);
   }
   void add_image(Timestamp stamp, WallTime arrival) { probe.add(LeftImage{{stamp, 16, 16, {}}}, arrival); }
   void add_right_image(Timestamp stamp) { probe.add(RightImage{{stamp, 16, 16, {}}}, stamp); }
   void add_cloud(Timestamp stamp) {
     DecodedCloud cloud;
     cloud.stamp = stamp;
-    cloud.census.points = 7;
+    cloud.statistics.points = 7;
     probe.add(std::move(cloud), stamp);
   }
 };
@@ -71,7 +71,7 @@ TEST_CASE("messages are counted, with the age nearest to zero and the stamps tha
   probed.add_image(10s, 13s);
   probed.add_image(20s, 19s);
   probed.add_image(20s, 24s);
-  const TopicSeen& image = probed.topic("image");
+  const TopicObservation& image = probed.topic("image");
   CHECK(image.messages == 3);
   CHECK(image.repeated_stamps == 1);
   CHECK(image.age == -1s);
@@ -134,13 +134,13 @@ TEST_CASE("a topic that nobody publishes, or whose messages cannot be used, is n
 TEST_CASE("an image of another size counts as a message, and its size is noted") {
   Probed probed;
   const Error error{"image_size_mismatch", "the image is 6 x 4"};
-  probed.probe.add(Malformed{"/left/image", error, SeenImage{1s, {6, 4}}}, 2s);
+  probed.probe.add(Malformed{"/left/image", error, UndecodedImage{1s, {6, 4}}}, 2s);
   CHECK(probed.topic("image").messages == 1);
   CHECK(probed.topic("image").age == 1s);
   CHECK(probed.topic("image").malformed.empty());
-  CHECK((probed.seen.image->width == 6 && !probed.seen.companion_size));
-  probed.probe.add(Malformed{"/right/image", error, SeenImage{1s, {6, 4}}}, 2s);
-  CHECK(probed.seen.companion_size == "/right/image: the image is 6 x 4");
+  CHECK((probed.seen.image->width == 6 && !probed.seen.companion_mismatch));
+  probed.probe.add(Malformed{"/right/image", error, UndecodedImage{1s, {6, 4}}}, 2s);
+  CHECK(probed.seen.companion_mismatch == "/right/image: the image is 6 x 4");
   CHECK(probed.seen.image->width == 6);
   probed.probe.add(Malformed{"/unknown", error}, 2s);
 }

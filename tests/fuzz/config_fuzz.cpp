@@ -22,11 +22,11 @@ pairs:
 }  // namespace calib::fuzz
 
 int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
-  calib::Places places;
-  places.state = "/state";
-  places.runtime = "/runtime";
-  places.credentials = "/credentials";
-  const auto config = calib::parse_config(calib::fuzz::text(bytes, size), "c.yaml", places);
+  calib::DefaultFolders defaults;
+  defaults.state = "/state";
+  defaults.runtime = "/runtime";
+  defaults.credentials = "/credentials";
+  const auto config = calib::parse_config(calib::fuzz::text(bytes, size), "c.yaml", defaults);
   if (config)
     calib::fuzz::require(!config->pairs.empty() && config->sampling.window <= config->sampling.period);
   else

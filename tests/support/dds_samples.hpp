@@ -7,8 +7,8 @@
 
 namespace calib::test {
 
-inline constexpr Keeping best_effort{.reliable = false, .durable = false, .depth = 1};
-inline constexpr Keeping reliable{.reliable = true, .durable = false, .depth = 5};
+inline constexpr QosProfile best_effort{.reliable = false, .durable = false, .depth = 1};
+inline constexpr QosProfile reliable{.reliable = true, .durable = false, .depth = 5};
 
 template <typename Message>
 void publish(const Endpoint& writer, Message message) {

@@ -266,7 +266,7 @@ Result<RecordingFrames> RecordingFrames::read(const RecordingOptions& options) {
                                         " frames are left out: " + abridged(source->lacks));
   for (std::size_t i = 0; i < indices.size(); ++i) {
     Reading& reading = readings[i];
-    if (!reading.pair) return tl::unexpected(reading.pair.error());
+    if (!reading.pair) return propagate(reading.pair);
     if (i == 0)
       if (auto plausible = check_first(reading, recording_frames); !plausible) return propagate(plausible);
     const std::string& name = source->names[indices[i]];

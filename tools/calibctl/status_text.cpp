@@ -32,7 +32,7 @@ std::string duration(double seconds) {
   return decimals(seconds / 86400, 1) + " days";
 }
 
-/// Of times that may lie further apart than nanoseconds can say.
+/// For times that are further apart than a count of nanoseconds can hold, too.
 double seconds_between(WallTime from, WallTime to) {
   using Seconds = std::chrono::duration<double>;
   return (Seconds(to) - Seconds(from)).count();
@@ -49,16 +49,30 @@ std::string skipped_words(const PairStatus& pair) {
 }
 
 void input_line(Text& text, std::string_view label, const PairStatus::Input& input) {
-  text.line(label, input.topic + (input.age_s ? ", " + duration(*input.age_s) + " ago" : ", never seen"));
+  text.wrapped(label, input.topic + (input.age_s ? ", " + duration(*input.age_s) + " ago" : ", never seen"));
 }
 
-void record_line(Text& text, const PairStatus::Record& record, const RecordCheck& check) {
-  std::string value = std::to_string(record.sequence) + " of " + rfc3339(record.created) + ", key " + record.key_id;
+/// The reason, then each further detail on a line of its own: calibd separates them with "; ".
+void reason_lines(Text& text, std::string_view reason) {
+  constexpr std::string_view separator = "; ";
+  std::string_view label = "Reason";
+  for (auto end = reason.find(separator); end != std::string_view::npos; end = reason.find(separator)) {
+    text.wrapped(label, reason.substr(0, end));
+    reason.remove_prefix(end + separator.size());
+    label = "";
+  }
+  text.wrapped(label, reason);
+}
+
+void record_lines(Text& text, const PairStatus::Record& record, const RecordCheck& check) {
+  const Colour colour = check.verified ? Colour::none : Colour::red;
+  const std::string made = std::to_string(record.sequence) + " of " + rfc3339(record.created) + ", key " + record.key_id;
+  if (check.checked && check.verified) return text.wrapped("Record", made + ", verified");
+  text.wrapped("Record", made, colour);
   if (check.checked)
-    value += check.verified ? ", verified" : ", NOT VERIFIED: " + check.words;
+    text.wrapped("", "NOT VERIFIED: " + check.words, colour);
   else
-    value += (check.verified ? ", verified by calibd, " : ", NOT VERIFIED, ") + check.words;
-  text.line("Record", value, check.verified ? Colour::none : Colour::red);
+    text.wrapped("", (check.verified ? "verified by calibd, " : "NOT VERIFIED, ") + check.words, colour);
 }
 
 void pair_lines(Text& text, const PairStatus& pair, const RecordCheck& check, WallTime now) {
@@ -66,12 +80,12 @@ void pair_lines(Text& text, const PairStatus& pair, const RecordCheck& check, Wa
   text.line("Pair", pair.name);
   text.line("Verdict", words_of(pair.verdict), colour_of(pair.verdict));
   text.line("Since", rfc3339(pair.since) + " (" + duration(seconds_between(pair.since, now)) + " ago)");
-  text.line("Reason", pair.reason);
+  reason_lines(text, pair.reason);
   text.line(
       "Evaluated",
       counted(pair.evaluated, "pair") +
           (pair.last_evaluated ? ", the last " + duration(seconds_between(*pair.last_evaluated, now)) + " ago" : ""));
-  text.line("Skipped", skipped_words(pair));
+  text.wrapped("Skipped", skipped_words(pair));
   if (pair.score)
     text.line("Score", decimals(pair.score->current, 5) + " (best neighbour " +
                            decimals(pair.score->best_neighbour, 5) +
@@ -81,18 +95,18 @@ void pair_lines(Text& text, const PairStatus& pair, const RecordCheck& check, Wa
     for (int axis = 0; axis < 6; ++axis) {
       std::string words = axis_in_words(pair, axis);
       if (pair.detection_limit && std::isfinite((*pair.detection_limit)[axis]))
-        words += "; detection limit " + amount_in_words(axis, (*pair.detection_limit)[axis]);
+        words += ", detection limit " + amount_in_words(axis, (*pair.detection_limit)[axis]);
       text.line(axis_label(axis), words);
     }
   }
   text.transform("Extrinsic", pair.T_camera_lidar);
   if (pair.proposed) {
     text.transform("Proposed", pair.proposed->T_camera_lidar);
-    text.line("", "record " + std::to_string(pair.proposed->record_sequence) + ", in force after: calibctl accept " +
-                      pair.name);
+    text.wrapped("", "record " + std::to_string(pair.proposed->record_sequence) +
+                         ", not in force; to put it in force: calibctl accept " + pair.name);
   }
   if (pair.record)
-    record_line(text, *pair.record, check);
+    record_lines(text, *pair.record, check);
   else
     text.line("Record", "none");
   input_line(text, "Image", pair.image);
@@ -116,7 +130,7 @@ std::string status_text(const Status& status, const std::vector<RecordCheck>& ch
   else
     text.line("Daemon", "running for " + duration(status.uptime_s) + ", version " + status.version);
   text.line("Alerts waiting", std::to_string(status.feed_queued));
-  if (status.records_missing) text.line("RECORDS MISSING", *status.records_missing, Colour::red);
+  if (status.records_missing) text.wrapped("RECORDS MISSING", *status.records_missing, Colour::red);
   for (std::size_t i = 0; i < status.pairs.size(); ++i) pair_lines(text, status.pairs[i], checks[i], now);
   return text.str();
 }

@@ -15,6 +15,7 @@ namespace calib::ctl {
 namespace {
 
 constexpr std::size_t label_width = 16;
+constexpr std::string_view separator = ": ";
 
 std::string_view escape_sequence(Colour colour) {
   switch (colour) {
@@ -47,12 +48,31 @@ bool terminal_has_colours() {
 }
 
 void Text::line(std::string_view label, std::string_view value, Colour colour) {
-  text_.append(label).append(label_width - std::min(label_width, label.size()), ' ').append(": ");
+  escaped_line(label, escape_control(value), colour);
+}
+
+void Text::escaped_line(std::string_view label, std::string_view escaped, Colour colour) {
+  text_.append(label).append(label_width - std::min(label_width, label.size()), ' ').append(separator);
   const bool paint = coloured_ && colour != Colour::none;
   if (paint) text_ += escape_sequence(colour);
-  text_ += escape_control(value);
+  text_ += escaped;
   if (paint) text_ += "\x1b[0m";
   text_ += '\n';
+}
+
+void Text::wrapped(std::string_view label, std::string_view value, Colour colour) {
+  constexpr std::size_t width = max_width - label_width - separator.size();
+  const std::string escaped = escape_control(value);
+  std::string_view rest = escaped;
+  while (rest.size() > width) {
+    auto space = rest.rfind(' ', width);
+    if (space == std::string_view::npos) space = rest.find(' ');
+    if (space == std::string_view::npos) break;
+    escaped_line(label, rest.substr(0, space), colour);
+    rest.remove_prefix(space + 1);
+    label = "";
+  }
+  escaped_line(label, rest, colour);
 }
 
 void Text::motion(const Vector6& delta, const Vector6* sigma) {

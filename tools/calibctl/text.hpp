@@ -13,21 +13,27 @@ enum class Colour { none, red, yellow, green };
 /// True when standard output is a terminal that shows colours and NO_COLOR is not set.
 [[nodiscard]] bool terminal_has_colours();
 
-/// Lines of label, colon and value. Every value passes `escape_control`, so nothing from outside steers the
+/// Lines of label, colon and value. Every value passes `escape_control`, so that no text from outside controls the
 /// terminal.
 class Text {
  public:
+  static constexpr std::size_t max_width = 100;
+
   explicit Text(bool coloured) : coloured_(coloured) {}
   void line(std::string_view label, std::string_view value, Colour colour = Colour::none);
+  /// Lines of at most `max_width` characters, broken at spaces. Those after the first have no label. A word that is
+  /// longer stays in one piece.
+  void wrapped(std::string_view label, std::string_view value, Colour colour = Colour::none);
   void blank() { text_ += '\n'; }
-  /// Six lines: how far a motion of the LiDAR (rad, m, its own axes) goes, signs as words; `sigma` may be
-  /// null.
+  /// Six lines: how far the LiDAR moved (rad, m) along its own axes, with words for the signs; `sigma` may be null.
   void motion(const Vector6& delta, const Vector6* sigma);
   /// Two lines: translation and quaternion.
   void transform(std::string_view label, const RigidTransform& transform);
   [[nodiscard]] const std::string& str() const { return text_; }
 
  private:
+  void escaped_line(std::string_view label, std::string_view escaped, Colour colour);
+
   bool coloured_;
   std::string text_;
 };
@@ -37,9 +43,9 @@ class Text {
 [[nodiscard]] std::string decimals(double value, int places);
 /// `1.02 degrees and 3.1 cm`.
 [[nodiscard]] std::string how_far(const RigidTransform& motion);
-/// `discarded` when `text` is no JSON, or nests deeper than 64: what goes through a value goes down as deep as that.
+/// `discarded` when `text` is not JSON, or is nested deeper than 64: functions that visit a value are recursive.
 [[nodiscard]] nlohmann::json parse_json(std::string_view text);
-/// JSON and a newline; ASCII only, so that no text from outside steers a terminal.
+/// JSON and a newline; ASCII only, so that no text from outside controls a terminal.
 [[nodiscard]] std::string json_text(const nlohmann::json& value, int indent);
 /// `1 record`, `2 records`.
 [[nodiscard]] std::string counted(std::uint64_t count, std::string_view noun);

@@ -1,4 +1,4 @@
-#include "doctor.hpp"
+#include "findings.hpp"
 
 #include <algorithm>
 
@@ -18,7 +18,7 @@ std::string_view to_string(FindingResult result) {
   return "not_checked";
 }
 
-std::vector<Finding> diagnose(const PairSeen& seen) {
+std::vector<Finding> diagnose(const PairObservation& seen) {
   std::vector<Finding> findings;
   diagnose_samples(seen, findings);
   diagnose_geometry(seen, findings);

@@ -4,12 +4,12 @@
 #include <array>
 #include <cmath>
 
-#include "doctor.hpp"
+#include "findings.hpp"
 
 namespace calib {
 namespace {
 
-/// A rank correlation from which depth and scan plainly tell the same story, and one up to which they do not.
+/// Rank correlation of depth and cloud: above `agreeing` they agree, below `unrelated` they do not.
 constexpr double agreeing = 0.5, unrelated = 0.3;
 
 Finding fine(std::string check, std::string what) {
@@ -27,12 +27,12 @@ Finding problem(std::string check, std::string code, std::string what, std::stri
 
 std::string size_words(int width, int height) { return fmt::format("{} x {}", width, height); }
 
-Finding judge_image_size(const PairSeen& seen) {
-  if (!seen.image) return not_checked("image_size", "no image came");
+Finding judge_image_size(const PairObservation& seen) {
+  if (!seen.image) return not_checked("image_size", "no image arrived");
   const int width = seen.camera.width(), height = seen.camera.height();
   const std::string what = fmt::format("images are {} pixels", size_words(seen.image->width, seen.image->height));
-  if (*seen.image == ImageSize{width, height} && seen.companion_size)
-    return problem("image_size", "image_size_mismatch", *seen.companion_size,
+  if (*seen.image == ImageSize{width, height} && seen.companion_mismatch)
+    return problem("image_size", "image_size_mismatch", *seen.companion_mismatch,
                    "the driver publishes another resolution or a part of the sensor, or this is another camera's topic",
                    "correct the size and the intrinsics there, or the topic");
   if (*seen.image == ImageSize{width, height}) return fine("image_size", what + ", as configured");
@@ -49,37 +49,39 @@ Finding judge_image_size(const PairSeen& seen) {
                   seen.image->height, told ? ", which CameraInfo has" : ""));
 }
 
-bool bends(const CameraInfo& info) {
+bool is_distorted(const CameraInfo& info) {
   return std::ranges::any_of(info.D, [](double value) { return value != 0; });
 }
 
-/// Lenses that CameraInfo has no words for: what it says of them says nothing.
-bool beyond_camera_info(CameraModel model) {
+/// Lens models that CameraInfo cannot describe.
+bool is_unknown_to_camera_info(CameraModel model) {
   return model == CameraModel::double_sphere || model == CameraModel::eucm || model == CameraModel::mei;
 }
 
-std::string told_words(const CameraInfo& info) {
-  return bends(info) ? "model " + std::string(to_string(info.model)) : "no distortion";
+std::string lens_words(const CameraInfo& info) {
+  return is_distorted(info) ? "model " + std::string(to_string(info.model)) : "no distortion";
 }
 
-/// Whether images are rectified CameraInfo does not say; the topic's name does by convention, and depth knows.
-Finding judge_rectified(const PairSeen& seen, const std::string& what) {
+/// CameraInfo does not say whether the images are rectified. The name of the topic does by convention, and depth agrees
+/// better with the right one.
+Finding judge_rectified(const PairObservation& seen, const std::string& what) {
   const auto& given = seen.extrinsic ? seen.extrinsic->agreement : std::nullopt;
-  const bool better = seen.told_lens && (!given || seen.told_lens->rank_correlation > given->rank_correlation + 0.05);
-  const bool named = std::ranges::any_of(seen.topics, [](const TopicSeen& topic) {
+  const auto& other = seen.info_agreement;
+  const bool better = other && (!given || other->rank_correlation > given->rank_correlation + 0.05);
+  const bool named = std::ranges::any_of(seen.topics, [](const TopicObservation& topic) {
     return topic.check == "image" && topic.topic.find("rect") != std::string::npos;
   });
   if (named && !better) return fine("lens", what + ", and the topic's name says that the images are rectified");
   Finding finding = problem("lens", "wrong_lens_model", what + " of the raw images",
                             "camera.model is rectified, and these images probably are not",
-                            "read the rectified topic (image_rect), or write the camera's own model and distortion");
+                            "use the rectified topic (image_rect), or write the camera's own model and distortion");
   if (!better) finding.result = FindingResult::warning;
   return finding;
 }
 
-Finding judge_lens(const PairSeen& seen, const std::vector<Finding>& findings) {
-  if (!seen.camera_info) return not_checked("lens", "no CameraInfo came to compare the configured lens with");
-  if (has_problem(findings, {"image_size"})) return not_checked("lens", "the image's size is to be put right first");
+Finding judge_lens(const PairObservation& seen, const std::vector<Finding>& findings) {
+  if (!seen.camera_info) return not_checked("lens", "no CameraInfo arrived to compare the configured lens with");
+  if (has_problem(findings, {"image_size"})) return not_checked("lens", "correct the size of the image first");
   const CameraInfo& info = *seen.camera_info;
   const Camera& camera = seen.camera;
   if (info.width != camera.width() || info.height != camera.height())
@@ -87,15 +89,15 @@ Finding judge_lens(const PairSeen& seen, const std::vector<Finding>& findings) {
                    "CameraInfo is for " + size_words(info.width, info.height) + " pixels",
                    "it is another camera's, or the configuration is for another resolution",
                    "correct camera.size and intrinsics, or camera.info");
-  if (beyond_camera_info(camera.model()))
-    return not_checked("lens", "CameraInfo cannot tell of the model " + std::string(to_string(camera.model())));
-  const std::string what = "CameraInfo tells of " + told_words(info);
+  if (is_unknown_to_camera_info(camera.model()))
+    return not_checked("lens", "CameraInfo cannot describe the model " + std::string(to_string(camera.model())));
+  const std::string what = "CameraInfo describes " + lens_words(info);
   const bool rectified = camera.model() == CameraModel::rectified;
   const bool straight = std::ranges::all_of(camera.distortion(), [](double value) { return value == 0; });
   if (!rectified &&
-      (bends(info) ? info.model != camera.model() : !straight || camera.model() == CameraModel::equidistant))
+      (is_distorted(info) ? info.model != camera.model() : !straight || camera.model() == CameraModel::equidistant))
     return problem("lens", "wrong_lens_model", what, "camera.model is " + std::string(to_string(camera.model())),
-                   bends(info) ? fmt::format("write model: {} and its distortion", to_string(info.model))
+                   is_distorted(info) ? fmt::format("write model: {} and its distortion", to_string(info.model))
                                : "write model: rectified, without distortion");
   const bool from_p = rectified && info.P[0] > 0;
   const std::array<double, 4> theirs = from_p ? std::array{info.P[0], info.P[5], info.P[2], info.P[6]}
@@ -111,11 +113,11 @@ Finding judge_lens(const PairSeen& seen, const std::vector<Finding>& findings) {
           fmt::format("CameraInfo's {} has {}, camera.intrinsics are {}", from_p ? "P" : "K", list(theirs), list(ours)),
           "the intrinsics are another camera's, or of another resolution or calibration",
           "write the intrinsics of CameraInfo, if that is the right one");
-  if (rectified && bends(info)) return judge_rectified(seen, what);
-  return fine("lens", what + ", and of the configured intrinsics");
+  if (rectified && is_distorted(info)) return judge_rectified(seen, what);
+  return fine("lens", what + ", with the configured intrinsics");
 }
 
-/// The unit in which the cloud would have an ordinary median range; empty for metres.
+/// The unit in which the median range would be nearest to an ordinary one (12 m); empty for metres.
 std::string probable_unit(double median_range) {
   struct Unit {
     const char* name;
@@ -130,55 +132,55 @@ std::string probable_unit(double median_range) {
   return std::ranges::min_element(units, {}, strangeness)->name;
 }
 
-Finding judge_cloud_range(const PairSeen& seen) {
-  if (!seen.cloud) return not_checked("cloud_range", "no cloud came");
-  const CloudCensus& cloud = *seen.cloud;
+Finding judge_cloud_range(const PairObservation& seen) {
+  if (!seen.cloud) return not_checked("cloud_range", "no cloud arrived");
+  const CloudStatistics& cloud = *seen.cloud;
   const std::uint64_t measured = cloud.points - cloud.not_finite - cloud.at_origin;
   const std::string what = fmt::format("{} points, {} of them measured, median range {:.4g} m, {} beyond 500 m",
                                        cloud.points, measured, cloud.median_range_m, cloud.too_far);
   if (measured == 0)
-    return problem("cloud_range", "empty_cloud", what, "the LiDAR sees nothing, or its driver filters everything out",
-                   "look at the LiDAR's own messages");
+    return problem("cloud_range", "empty_cloud", what, "the LiDAR measures nothing, or its driver drops all points",
+                   "check the log of the LiDAR's driver");
   if (const std::string unit = probable_unit(cloud.median_range_m); !unit.empty())
     return problem("cloud_range", "cloud_unit", what, "its points look like " + unit,
-                   "let the driver publish metres, as sensor_msgs/PointCloud2 has it");
+                   "make the driver publish metres, the unit of sensor_msgs/PointCloud2");
   if (cloud.too_far * 20 > measured)
     return {"cloud_range",
             FindingResult::warning,
             "far_points",
             what,
-            "a driver's mark for no return, or a wrong unit",
-            "let the driver publish NaN where there is no return"};
+            "the driver marks points without a return so, or publishes another unit",
+            "make the driver publish NaN for points without a return"};
   return fine("cloud_range", what);
 }
 
-Finding judge_scene(const PairSeen& seen) {
+Finding judge_scene(const PairObservation& seen) {
   if (!seen.time_difference) return not_checked("scene", "there is no pair of samples");
-  if (!seen.scene) return fine("scene", "light, texture and points are enough to be judged by");
+  if (!seen.scene) return fine("scene", "there is enough light, texture and points");
   return {"scene",
           FindingResult::warning,
           std::string(to_string(seen.scene->code)),
           seen.scene->context,
-          "not a fault of the configuration, if the scene is like that now; such pairs are not evaluated",
-          "ask again where there is light and something to see"};
+          "the scene is like that now, or a sensor is covered; such pairs are not evaluated",
+          "run this again in a scene with light and texture"};
 }
 
-bool swapped(const PairSeen& seen) {
+bool swapped(const PairObservation& seen) {
   if (!seen.swapped || !seen.swapped->agreement) return false;
   const double given = seen.extrinsic && seen.extrinsic->agreement ? seen.extrinsic->agreement->rank_correlation : 0;
   const double then = seen.swapped->agreement->rank_correlation;
   return then > agreeing && then > given + 0.2;
 }
 
-Finding judge_depth(const PairSeen& seen) {
+Finding judge_depth(const PairObservation& seen) {
   if (!seen.depth) {
     const Error& error = seen.depth.error();
     if (error.code == ErrorCode::no_pair) return not_checked("depth", error.context);
     const std::string code(to_string(error.code));
     if (const auto& refused = seen.depth_kind.preparation_failure; refused && error.code == refused->code)
       return problem("depth", code, error.context, std::string(refused->cause), std::string(refused->remedy));
-    return problem("depth", code, error.context, "the source of depth does not work with what it is given",
-                   "do what the message says; `calibctl check-config` reads the configuration anew");
+    return problem("depth", code, error.context, "the depth source cannot work with its input",
+                   "follow the message; `calibctl check-config` checks a changed configuration");
   }
   const std::string what = fmt::format("{:.0f} % of the image has depth", 100 * seen.depth->valid_share);
   if (swapped(seen))
@@ -187,44 +189,46 @@ Finding judge_depth(const PairSeen& seen) {
                    "camera.image is the right camera's and the right image the left one's",
                    "exchange the two topics in the configuration");
   if (seen.depth->valid_share < seen.min_valid_depth)
-    return problem("depth", "few_valid_depth", what, "the source of depth does not see what it was made for",
+    return problem("depth", "few_valid_depth", what, "the depth source does not get the images that it was made for",
                    std::string(seen.depth_kind.remedies.few_valid));
   return fine("depth", what);
 }
 
-/// What the depth of `seen` is, where it is certain that it is not what it should be.
-Finding judge_agreement(const PairSeen& seen, const std::vector<Finding>& findings) {
+/// How depth and cloud agree, once everything else is right.
+Finding judge_agreement(const PairObservation& seen, const std::vector<Finding>& findings) {
   if (!seen.extrinsic || !seen.depth) return not_checked("agreement", "there is no depth to compare the cloud with");
   if (has_problem(findings, {"lens", "depth", "extrinsic", "image_size", "cloud_range"}))
-    return not_checked("agreement", "something else is to be put right first");
-  if (!seen.extrinsic->agreement) return not_checked("agreement", "hardly a point of the cloud lands on depth");
+    return not_checked("agreement", "correct the other problems first");
+  if (!seen.extrinsic->agreement)
+    return not_checked("agreement", "too few points of the cloud project onto pixels with depth");
   const DepthAgreement& agreement = *seen.extrinsic->agreement;
   const double correlation = agreement.rank_correlation;
   const std::string what =
-      fmt::format("rank correlation of depth and cloud {:.2f}, of {} points", correlation, agreement.points);
+      fmt::format("rank correlation of depth and cloud {:.2f}, {} points", correlation, agreement.points);
   if (correlation < -unrelated)
-    return problem("agreement", "depth_inverted", what, "what depth takes for near is far",
+    return problem("agreement", "depth_inverted", what, "depth has near and far exchanged",
                    std::string(seen.depth_kind.remedies.inverted));
-  if (seen.told_lens && seen.told_lens->rank_correlation > std::max(agreeing, correlation + 0.15))
+  if (seen.info_agreement && seen.info_agreement->rank_correlation > std::max(agreeing, correlation + 0.15))
     return problem("agreement", "wrong_lens_model",
-                   what + fmt::format("; {:.2f} with the lens of CameraInfo", seen.told_lens->rank_correlation),
-                   "the configured lens is not this camera's", "write model, intrinsics and distortion of CameraInfo");
+                   what + fmt::format("; {:.2f} with the lens of CameraInfo", seen.info_agreement->rank_correlation),
+                   "the configured lens is not that of this camera",
+                   "write model, intrinsics and distortion of CameraInfo");
   if (correlation < unrelated)
     return problem("agreement", "depth_unrelated", what,
-                   "the extrinsic or the lens is far off, or the source of depth does not understand these images",
-                   "look at the picture: points and depth should show the same things in the same places");
+                   "the extrinsic or the lens is far off, or the depth source does not work with these images",
+                   "look at the picture: points and depth should show the same objects in the same places");
   if (correlation < agreeing)
     return {"agreement",
             FindingResult::warning,
             "weak_agreement",
             what,
             "depth is poor, the scene is flat, or the extrinsic is some degrees off",
-            "look at the picture, and at what `calibctl status` says of drift"};
+            "look at the picture, and at the drift that `calibctl status` shows"};
   return fine("agreement", what);
 }
 
-/// Where depth is metric, its ratio to the cloud tells of units and baselines.
-void judge_scale(const PairSeen& seen, Finding& agreement) {
+/// With metric depth, its ratio to the ranges of the cloud reveals wrong units and baselines.
+void judge_scale(const PairObservation& seen, Finding& agreement) {
   if (agreement.result != FindingResult::ok || !seen.depth_kind.is_metric) return;
   const double ratio = seen.extrinsic->agreement->scale;
   agreement.seen += fmt::format("; ranges are {:.2f} times the depth", ratio);
@@ -232,23 +236,23 @@ void judge_scale(const PairSeen& seen, Finding& agreement) {
   const bool feet = std::abs(ratio / 3.2808 - 1) < 0.1;
   agreement.result = feet ? FindingResult::problem : FindingResult::warning;
   agreement.code = feet ? "cloud_unit" : "depth_scale";
-  agreement.cause = feet ? "the cloud's points look like feet" : "depth is of another scale than the cloud";
-  agreement.remedy = feet ? "let the driver publish metres, as sensor_msgs/PointCloud2 has it"
+  agreement.cause = feet ? "the cloud's points look like feet" : "depth and cloud differ in scale";
+  agreement.remedy = feet ? "make the driver publish metres, the unit of sensor_msgs/PointCloud2"
                           : seen.depth_kind.remedies.wrong_scale;
 }
 
-Finding judge_extrinsic(const PairSeen& seen, const std::vector<Finding>& findings) {
+Finding judge_extrinsic(const PairObservation& seen, const std::vector<Finding>& findings) {
   if (!seen.extrinsic) return not_checked("extrinsic", "there is no pair of an image and a cloud");
   if (has_problem(findings, {"image_size", "cloud_range"}))
-    return not_checked("extrinsic", "something else is to be put right first");
+    return not_checked("extrinsic", "correct the other problems first");
   const ExtrinsicOpinion& opinion = *seen.extrinsic;
   std::string what = fmt::format("{} points in the image, camera {}", opinion.points_in_view,
                                  opinion.upright ? "upright" : "on its side");
   if (opinion.plausible() || (swapped(seen) && !opinion.sees_nothing)) return fine("extrinsic", what);
   if (!opinion.likely)
-    return problem("extrinsic", "extrinsic_out_of_view", what, "the camera looks where the cloud has no points",
-                   "correct T_camera_lidar: it maps points of the LiDAR into the camera's optical frame; were angles "
-                   "taken in the wrong unit or order?");
+    return problem("extrinsic", "extrinsic_out_of_view", what, "the camera does not look at any points of the cloud",
+                   "correct T_camera_lidar: it maps points from the LiDAR's frame to the camera's optical frame; were "
+                   "angles written in the wrong unit or order?");
   if (opinion.likely_agreement)
     what += fmt::format("; rank correlation with depth {}, read otherwise {:.2f}",
                         opinion.agreement ? fmt::format("{:.2f}", opinion.agreement->rank_correlation) : "none",
@@ -264,7 +268,7 @@ Finding judge_extrinsic(const PairSeen& seen, const std::vector<Finding>& findin
 
 }  // namespace
 
-void diagnose_geometry(const PairSeen& seen, std::vector<Finding>& findings) {
+void diagnose_geometry(const PairObservation& seen, std::vector<Finding>& findings) {
   findings.push_back(judge_image_size(seen));
   findings.push_back(judge_lens(seen, findings));
   findings.push_back(judge_cloud_range(seen));

@@ -4,7 +4,7 @@
 #include <numeric>
 #include <utility>
 
-#include "doctor.hpp"
+#include "findings.hpp"
 
 namespace calib {
 namespace {
@@ -31,7 +31,7 @@ std::string short_name(std::string_view name) {
   return name.size() <= longest ? std::string(name) : std::string(name.substr(0, longest)) + "...";
 }
 
-/// Levenshtein's, of names as they are shown.
+/// Levenshtein distance.
 std::size_t edit_distance(const std::string& a, const std::string& b) {
   std::vector<std::size_t> row(b.size() + 1);
   std::iota(row.begin(), row.end(), std::size_t{0});
@@ -46,13 +46,13 @@ std::size_t edit_distance(const std::string& a, const std::string& b) {
   return row.back();
 }
 
-/// The published topic of the wanted type that nobody has configured and whose name is nearest; of names that are as
-/// near, the first.
-const RemoteWriter* probably_meant(const PairSeen& seen, const TopicSeen& topic) {
+/// The published topic of the right type, not in use otherwise, whose name is nearest by edit distance; the first of
+/// equals.
+const RemoteWriter* nearest_topic(const PairObservation& seen, const TopicObservation& topic) {
   const RemoteWriter* nearest = nullptr;
   std::size_t least = 0;
   for (const RemoteWriter& writer : seen.writers) {
-    if (writer.type != topic.type || !writer.obstacle.empty() || seen.claimed_topics.contains(writer.topic)) continue;
+    if (writer.type != topic.type || !writer.obstacle.empty() || seen.topics_in_use.contains(writer.topic)) continue;
     const std::size_t distance = edit_distance(short_name(writer.topic), short_name(topic.topic));
     if (nearest != nullptr && distance >= least) continue;
     nearest = &writer, least = distance;
@@ -64,8 +64,8 @@ Finding problem(const std::string& check, std::string code, std::string what, st
   return {check, FindingResult::problem, std::move(code), std::move(what), std::move(cause), std::move(remedy)};
 }
 
-Finding nobody_publishes(const PairSeen& seen, const TopicSeen& topic) {
-  if (const RemoteWriter* meant = probably_meant(seen, topic))
+Finding not_published(const PairObservation& seen, const TopicObservation& topic) {
+  if (const RemoteWriter* meant = nearest_topic(seen, topic))
     return problem(topic.check, "wrong_topic", "nobody publishes " + topic.topic,
                    fmt::format("the topic is probably {}, which carries {} and is not configured anywhere",
                                short_name(meant->topic), topic.type),
@@ -73,55 +73,56 @@ Finding nobody_publishes(const PairSeen& seen, const TopicSeen& topic) {
   if (seen.writers.empty())
     return problem(
         topic.check, "nobody_heard", "nobody publishes " + topic.topic,
-        fmt::format("no other DDS program at all is heard in domain {} on interface {}", seen.domain, seen.interface),
+        fmt::format("no other DDS participant is found in domain {} on interface {}", seen.domain, seen.interface),
         "compare dds.domain with the vehicle's ROS_DOMAIN_ID and dds.interface with the network that its "
         "sensors are on; is multicast let through?");
   return problem(topic.check, "no_publisher", "nobody publishes " + topic.topic,
-                 fmt::format("its driver does not run, or publishes {} under a name that another setting uses already",
+                 fmt::format("its driver does not run, or publishes {} under a name that another setting uses",
                              topic.type),
                  fmt::format("start the driver, or write the right topic as {}", topic.key));
 }
 
-Finding another_type(const PairSeen& seen, const TopicSeen& topic, const RemoteWriter& writer) {
+Finding of_other_type(const PairObservation& seen, const TopicObservation& topic, const RemoteWriter& writer) {
   const std::string what =
-      fmt::format("{} carries {}, and {} is read from it", topic.topic, short_name(writer.type), topic.type);
+      fmt::format("{} carries {}, but {} is expected", topic.topic, short_name(writer.type), topic.type);
   const bool compressed = writer.type == "sensor_msgs/msg/CompressedImage";
-  std::string remedy = compressed ? "publish it under a name that ends in /compressed: by that calibd knows them"
+  std::string remedy = compressed ? "publish it under a name that ends in /compressed, by which calibd recognises it"
                                   : "write a topic of " + topic.type + " as " + topic.key;
-  if (const RemoteWriter* meant = probably_meant(seen, topic))
+  if (const RemoteWriter* meant = nearest_topic(seen, topic))
     remedy = fmt::format("write {} as {}, it carries {}", short_name(meant->topic), topic.key, topic.type);
-  return problem(topic.check, "wrong_type", what, "it is the topic of something else", std::move(remedy));
+  return problem(topic.check, "wrong_type", what, "it is another topic than the one that was meant", std::move(remedy));
 }
 
-Finding nothing_usable(const TopicSeen& topic, const PairSeen& seen) {
+Finding nothing_usable(const TopicObservation& topic, const PairObservation& seen) {
   if (topic.malformed.empty())
     return problem(
         topic.check, "silent",
-        fmt::format("{} has a publisher, and nothing came in {}", topic.topic, duration_words(seen.listened)),
-        "the driver waits for its sensor, or the samples are lost on the way: they are large, and the "
+        fmt::format("{} has a publisher, but no message arrived in {}", topic.topic, duration_words(seen.listened)),
+        "the driver waits for its sensor, or the messages are lost: they are large, and the "
         "kernel's receive buffer is small",
-        "look at the driver's own messages, and at net.core.rmem_max (calibd's package sets it)");
+        "check the driver's log, and net.core.rmem_max (calibd's package sets it)");
   const auto& [code, count] =
       *std::ranges::max_element(topic.malformed, {}, [](const auto& each) { return each.second; });
   return problem(topic.check, code,
                  fmt::format("{} cannot be used: {}", counted(count, "message"), topic.malformed_context),
-                 "the driver publishes what is outside its message's own bounds, or what calibd does not read",
-                 "correct the driver's settings; the bounds are in calibd's documentation");
+                 "the messages are inconsistent, or of a variant that calibd does not read",
+                 "correct the driver's settings; calibd's documentation lists the bounds");
 }
 
-Finding judge_topic(const PairSeen& seen, const TopicSeen& topic) {
+Finding judge_topic(const PairObservation& seen, const TopicObservation& topic) {
   std::vector<const RemoteWriter*> fitting, others;
   for (const RemoteWriter& writer : seen.writers)
     if (writer.topic == topic.topic) (writer.type == topic.type ? fitting : others).push_back(&writer);
   if (!topic.configured && fitting.empty() && topic.messages == 0)
     return {topic.check, FindingResult::not_checked, {}, "nobody publishes " + topic.topic, {}, {}};
-  // Samples may come from a writer that has just gone.
+  // Messages may have come from a writer that no longer exists.
   if (topic.messages == 0 && fitting.empty())
-    return others.empty() ? nobody_publishes(seen, topic) : another_type(seen, topic, *others.front());
+    return others.empty() ? not_published(seen, topic) : of_other_type(seen, topic, *others.front());
   const auto blocked = std::ranges::find_if(fitting, [](const auto* writer) { return !writer->obstacle.empty(); });
   if (topic.messages == 0 && blocked != fitting.end())
-    return problem(topic.check, "qos_mismatch", fmt::format("{} is published, and cannot be read", topic.topic),
-                   (*blocked)->obstacle, "change the publisher's quality of service; ROS 2's sensor data profile fits");
+    return problem(topic.check, "qos_mismatch", fmt::format("{} is published, but cannot be read", topic.topic),
+                   (*blocked)->obstacle,
+                   "change the publisher's quality of service, for example to ROS 2's sensor data profile");
   if (topic.messages == 0) return nothing_usable(topic, seen);
 
   Finding finding{topic.check, FindingResult::ok, {}, {}, {}, {}};
@@ -131,46 +132,46 @@ Finding judge_topic(const PairSeen& seen, const TopicSeen& topic) {
     finding.result = FindingResult::warning;
     finding.code = topic.malformed.begin()->first;
     finding.seen += "; others cannot be used: " + topic.malformed_context;
-    finding.cause = "not everybody who publishes it keeps to the message's bounds";
-    finding.remedy = "correct the driver's settings, or see who else publishes this topic";
+    finding.cause = "some of its messages are inconsistent, or of a variant that calibd does not read";
+    finding.remedy = "correct the driver's settings, or find another publisher of this topic";
   } else if (fitting.size() > 1) {
     finding.result = FindingResult::warning;
     finding.code = "several_publishers";
     finding.seen += fmt::format(" of {} publishers", fitting.size());
     finding.cause = "two drivers, or a driver and a replay, publish the same topic";
-    finding.remedy = "end all but one of them";
+    finding.remedy = "stop all but one of them";
   }
   return finding;
 }
 
-bool counts_for_clocks(const TopicSeen& topic) {
+bool has_clock(const TopicObservation& topic) {
   return topic.age.has_value() && topic.check != "camera_info" && topic.check != "right_camera_info";
 }
 
-/// How far a message's stamp may be from its arrival: exposure, readout, transport and a busy computer.
+/// Whether a stamp is further from the arrival of its message than exposure, readout, transport and load explain.
 bool is_off(nanoseconds age) { return age > std::chrono::seconds(2) || age < -std::chrono::milliseconds(500); }
 
-std::string age_words(const TopicSeen& topic) {
+std::string age_words(const TopicObservation& topic) {
   return fmt::format("{} is stamped {} {} calibd's clock", topic.topic, duration_words(*topic.age),
                      *topic.age < nanoseconds(0) ? "ahead of" : "behind");
 }
 
-Finding judge_clock(const PairSeen& seen) {
-  std::vector<const TopicSeen*> timed, off;
-  for (const TopicSeen& topic : seen.topics)
-    if (counts_for_clocks(topic)) timed.push_back(&topic);
-  if (timed.empty()) return {"clock", FindingResult::not_checked, {}, "no stamp was seen", {}, {}};
-  for (const TopicSeen* topic : timed) {
+Finding judge_clock(const PairObservation& seen) {
+  std::vector<const TopicObservation*> timed, off;
+  for (const TopicObservation& topic : seen.topics)
+    if (has_clock(topic)) timed.push_back(&topic);
+  if (timed.empty()) return {"clock", FindingResult::not_checked, {}, "no message with a stamp arrived", {}, {}};
+  for (const TopicObservation* topic : timed) {
     if (topic->messages >= 3 && topic->repeated_stamps + 1 >= topic->messages)
       return problem("clock", "stamps_stand_still",
-                     fmt::format("{} messages of {} have one stamp", topic->messages, topic->topic),
-                     "the driver does not set header.stamp anew for each message",
-                     "let the driver stamp each message with the time of its measurement");
+                     fmt::format("{} messages of {} have the same stamp", topic->messages, topic->topic),
+                     "the driver does not update header.stamp",
+                     "make the driver stamp each message with the time of its measurement");
     if (is_off(*topic->age)) off.push_back(topic);
   }
   nanoseconds furthest{};
   std::string what;
-  for (const TopicSeen* topic : timed) {
+  for (const TopicObservation* topic : timed) {
     furthest = std::max(furthest, std::chrono::abs(*topic->age));
     what += (what.empty() ? "" : ", ") + age_words(*topic);
   }
@@ -178,38 +179,38 @@ Finding judge_clock(const PairSeen& seen) {
     return {"clock", FindingResult::ok, {}, "stamps are within " + duration_words(furthest) + " of calibd's clock", {},
             {}};
   const bool ahead = *off.front()->age < nanoseconds(0);
-  const auto far_apart = [&](const TopicSeen* topic) { return is_off(*topic->age - *off.front()->age); };
+  const auto far_apart = [&](const TopicObservation* topic) { return is_off(*topic->age - *off.front()->age); };
   const bool alike = off.size() == timed.size() && std::ranges::none_of(timed, far_apart);
   if (alike && timed.size() > 1)
     return problem("clock", ahead ? "clock_ahead" : "stale_clock", what,
-                   "recorded or simulated data is played, or the clock of this computer is not set",
-                   "set the clocks by NTP or PTP; with recorded data nothing is to be done, but pairs are dated by it");
+                   "recorded or simulated data is played, or the clock of this computer is wrong",
+                   "synchronise the clocks by NTP or PTP; nothing needs to be done for recorded data");
   return problem("clock", ahead ? "clock_ahead" : "stale_clock", what,
-                 fmt::format("the clock behind {} is not synchronised with the others", off.front()->topic),
-                 "synchronise the sensor's clock (PTP, GPS), or let its driver stamp with the computer's clock");
+                 fmt::format("the clock of {} is not synchronised with the others", off.front()->topic),
+                 "synchronise the sensor's clock (PTP, GPS), or make its driver stamp with the computer's clock");
 }
 
-Finding judge_pairing(const PairSeen& seen, const std::vector<Finding>& findings) {
+Finding judge_pairing(const PairObservation& seen, const std::vector<Finding>& findings) {
   if (seen.time_difference)
     return {
         "pairing", FindingResult::ok,
         {},        fmt::format("image and cloud are {:.1f} ms apart", std::abs(seconds(*seen.time_difference)) * 1000),
         {},        {}};
   if (has_problem(findings, {"image", "right_image", "cloud", "depth_topic", "clock"}))
-    return {"pairing", FindingResult::not_checked, {}, "an image, its depth or a cloud is missing, or their stamps", {},
-            {}};
-  if (seen.companion_size || (seen.image && *seen.image != ImageSize{seen.camera.width(), seen.camera.height()}))
-    return {"pairing", FindingResult::not_checked, {}, "images are of another size", {}, {}};
+    return {"pairing", FindingResult::not_checked, {}, "an image, its depth or a cloud is missing, or stamps are wrong",
+            {}, {}};
+  if (seen.companion_mismatch || (seen.image && *seen.image != ImageSize{seen.camera.width(), seen.camera.height()}))
+    return {"pairing", FindingResult::not_checked, {}, "images have another size", {}, {}};
   const Error& error = seen.time_difference.error();
   return problem("pairing", std::string(to_string(error.code)), error.context,
-                 "the sensors are not triggered together, or one stamps late",
+                 "the sensors are not triggered together, or one is stamped late",
                  "synchronise the sensors, or raise sampling.max_time_difference if the vehicle is slow enough for it");
 }
 
 }  // namespace
 
-void diagnose_samples(const PairSeen& seen, std::vector<Finding>& findings) {
-  for (const TopicSeen& topic : seen.topics) findings.push_back(judge_topic(seen, topic));
+void diagnose_samples(const PairObservation& seen, std::vector<Finding>& findings) {
+  for (const TopicObservation& topic : seen.topics) findings.push_back(judge_topic(seen, topic));
   findings.push_back(judge_clock(seen));
   findings.push_back(judge_pairing(seen, findings));
 }

@@ -1,4 +1,4 @@
-#include "doctor.hpp"
+#include "findings.hpp"
 
 #include <algorithm>
 #include <functional>
@@ -17,16 +17,16 @@ namespace {
 
 const std::string image_type_name = "sensor_msgs/msg/Image", cloud_type_name = "sensor_msgs/msg/PointCloud2";
 
-TopicSeen topic(const std::string& check, const std::string& key, const std::string& name, const std::string& type) {
-  TopicSeen seen{.check = check, .key = key, .topic = name, .type = type};
+TopicObservation topic(const std::string& check, const std::string& key, const std::string& name, const std::string& type) {
+  TopicObservation seen{.check = check, .key = key, .topic = name, .type = type};
   seen.messages = 20;
   seen.age = 30ms;
   return seen;
 }
 
 /// A stereo pair with which all is well.
-PairSeen healthy() {
-  PairSeen seen{.camera = require_ok(Camera::make(CameraModel::rectified, 640, 192, {370, 370, 320, 90})),
+PairObservation healthy() {
+  PairObservation seen{.camera = require_ok(Camera::make(CameraModel::rectified, 640, 192, {370, 370, 320, 90})),
                 .depth_kind = StereoDepthConfig::kind};
   seen.pair = "front";
   seen.interface = "lo";
@@ -35,8 +35,8 @@ PairSeen healthy() {
                  topic("right_image", "depth.right_image", "/right/image", image_type_name),
                  topic("cloud", "lidar.cloud", "/points", cloud_type_name),
                  topic("camera_info", "camera.info", "/left/camera_info", "sensor_msgs/msg/CameraInfo")};
-  for (const TopicSeen& each : seen.topics) {
-    seen.claimed_topics.insert(each.topic);
+  for (const TopicObservation& each : seen.topics) {
+    seen.topics_in_use.insert(each.topic);
     seen.writers.push_back({each.topic, each.type, true, ""});
   }
   seen.image = ImageSize{640, 192};
@@ -47,7 +47,7 @@ PairSeen healthy() {
                                 .K = {370, 0, 320, 0, 370, 90, 0, 0, 1},
                                 .D = {0, 0, 0, 0, 0},
                                 .P = {370, 0, 320, 0, 0, 370, 90, 0, 0, 0, 1, 0}};
-  seen.cloud = CloudCensus{60000, 100, 0, 0, 11.5};
+  seen.cloud = CloudStatistics{60000, 100, 0, 0, 11.5};
   seen.time_difference = std::chrono::nanoseconds(2ms);
   seen.depth = DepthTrial{0.6, {}};
   seen.min_valid_depth = 0.15;
@@ -60,12 +60,12 @@ PairSeen healthy() {
   return seen;
 }
 
-TopicSeen& find(PairSeen& seen, const std::string& check) {
-  return *std::ranges::find(seen.topics, check, &TopicSeen::check);
+TopicObservation& find(PairObservation& seen, const std::string& check) {
+  return *std::ranges::find(seen.topics, check, &TopicObservation::check);
 }
 
-void silence(PairSeen& seen, const std::string& check) {
-  TopicSeen& silent = find(seen, check);
+void silence(PairObservation& seen, const std::string& check) {
+  TopicObservation& silent = find(seen, check);
   std::erase_if(seen.writers, [&](const RemoteWriter& writer) { return writer.topic == silent.topic; });
   silent.messages = 0;
   silent.age = {};
@@ -73,7 +73,7 @@ void silence(PairSeen& seen, const std::string& check) {
 }
 
 /// "check/code" of every problem.
-std::vector<std::string> problems(const PairSeen& seen) {
+std::vector<std::string> problems(const PairObservation& seen) {
   std::vector<std::string> found;
   for (const Finding& finding : diagnose(seen)) {
     if (finding.result != FindingResult::problem) continue;
@@ -84,7 +84,7 @@ std::vector<std::string> problems(const PairSeen& seen) {
   return found;
 }
 
-Finding finding(const PairSeen& seen, const std::string& check) {
+Finding finding(const PairObservation& seen, const std::string& check) {
   const auto findings = diagnose(seen);
   return *std::ranges::find(findings, check, &Finding::check);
 }
@@ -105,7 +105,7 @@ TEST_CASE("with a healthy pair every check is ok") {
 }
 
 TEST_CASE("a topic that nobody publishes is put down to a misspelling when a likely one is free") {
-  PairSeen seen = healthy();
+  PairObservation seen = healthy();
   silence(seen, "cloud");
   CHECK(problems(seen) == Names{"cloud/no_publisher"});
   seen.writers.push_back({"/lidar/points", cloud_type_name, false, ""});
@@ -114,14 +114,14 @@ TEST_CASE("a topic that nobody publishes is put down to a misspelling when a lik
   CHECK(problems(seen) == Names{"cloud/wrong_topic"});
   CHECK(holds(finding(seen, "cloud").remedy, "/points_raw as lidar.cloud"));
   CHECK(finding(seen, "pairing").result == FindingResult::not_checked);
-  seen.claimed_topics = {"/lidar/points", "/points_raw"};
+  seen.topics_in_use = {"/lidar/points", "/points_raw"};
   CHECK(problems(seen) == Names{"cloud/no_publisher"});
   seen.writers.clear();
   CHECK(finding(seen, "cloud").code == "nobody_heard");
 }
 
 TEST_CASE("a topic of another type, of an unreadable publisher, silent or malformed is told apart") {
-  PairSeen seen = healthy();
+  PairObservation seen = healthy();
   silence(seen, "image");
   seen.writers.push_back({"/left/image", cloud_type_name, true, ""});
   CHECK(problems(seen) == Names{"image/wrong_type"});
@@ -140,21 +140,21 @@ TEST_CASE("a topic of another type, of an unreadable publisher, silent or malfor
 }
 
 TEST_CASE("two publishers of one topic are a warning") {
-  PairSeen seen = healthy();
+  PairObservation seen = healthy();
   seen.writers.push_back(seen.writers.front());
   CHECK(problems(seen).empty());
   CHECK(finding(seen, "image").code == "several_publishers");
 }
 
 TEST_CASE("a clock that is off is named, alone or with all others") {
-  PairSeen seen = healthy();
+  PairObservation seen = healthy();
   find(seen, "cloud").age = 61s;
   seen.time_difference = fail(ErrorCode::time_difference, "61 s apart");
   CHECK(problems(seen) == Names{"clock/stale_clock"});
   CHECK(holds(finding(seen, "clock").cause, "/points is not synchronised"));
   find(seen, "cloud").age = -5s;
   CHECK(problems(seen) == Names{"clock/clock_ahead"});
-  for (TopicSeen& each : seen.topics) each.age = 24h * 400;
+  for (TopicObservation& each : seen.topics) each.age = 24h * 400;
   CHECK(problems(seen) == Names{"clock/stale_clock"});
   CHECK(holds(finding(seen, "clock").cause, "recorded"));
   CHECK(holds(finding(seen, "clock").seen, "400 days behind"));
@@ -164,7 +164,7 @@ TEST_CASE("a clock that is off is named, alone or with all others") {
 }
 
 TEST_CASE("samples that never belong together are a problem of pairing") {
-  PairSeen seen = healthy();
+  PairObservation seen = healthy();
   seen.time_difference = fail(ErrorCode::time_difference, "image and point cloud are at least 80 ms apart");
   CHECK(problems(seen) == Names{"pairing/time_difference"});
   seen.time_difference = fail(ErrorCode::right_image_missing, "no right image has the stamp of a left one");
@@ -172,7 +172,7 @@ TEST_CASE("samples that never belong together are a problem of pairing") {
 }
 
 TEST_CASE("an image of another size is named, and whether it is scaled") {
-  PairSeen seen = healthy();
+  PairObservation seen = healthy();
   seen.image = ImageSize{320, 96};
   CHECK(problems(seen) == Names{"image_size/image_size_mismatch"});
   CHECK(holds(finding(seen, "image_size").cause, "scaled by 0.5"));
@@ -182,20 +182,20 @@ TEST_CASE("an image of another size is named, and whether it is scaled") {
 }
 
 TEST_CASE("images of another size, which are not decoded, hide no other cause and are none of pairing") {
-  PairSeen seen = healthy();
+  PairObservation seen = healthy();
   seen.image = ImageSize{320, 96};
   seen.time_difference = fail(ErrorCode::sensor_silent, "no image arrived");
   seen.depth = fail(ErrorCode::no_pair, "there is no pair");
   CHECK(problems(seen) == Names{"image_size/image_size_mismatch"});
   CHECK(finding(seen, "pairing").result == FindingResult::not_checked);
   seen.image = ImageSize{640, 192};
-  seen.companion_size = "/right/image: the image is 6 x 4, and depth.right_camera.size is 7 x 4";
+  seen.companion_mismatch = "/right/image: the image is 6 x 4, and depth.right_camera.size is 7 x 4";
   CHECK(problems(seen) == Names{"image_size/image_size_mismatch"});
   CHECK(holds(finding(seen, "image_size").seen, "depth.right_camera.size is 7 x 4"));
 }
 
 TEST_CASE("a lens that CameraInfo contradicts is named") {
-  PairSeen seen = healthy();
+  PairObservation seen = healthy();
   seen.camera = require_ok(Camera::make(CameraModel::equidistant, 640, 192, {370, 370, 320, 90}, {0, 0, 0, 0}));
   CHECK(problems(seen) == Names{"lens/wrong_lens_model"});
   CHECK(holds(finding(seen, "lens").remedy, "rectified"));
@@ -212,21 +212,21 @@ TEST_CASE("a lens that CameraInfo contradicts is named") {
 }
 
 TEST_CASE("raw images under a rectified lens are a problem when depth says so, else a warning by their name") {
-  PairSeen seen = healthy();
+  PairObservation seen = healthy();
   seen.camera_info->D = {-0.3, 0.1, 0, 0, 0};
   CHECK(finding(seen, "lens").result == FindingResult::warning);
-  seen.told_lens = DepthAgreement{0.97, 1, 15000};
+  seen.info_agreement = DepthAgreement{0.97, 1, 15000};
   CHECK(problems(seen) == Names{"lens/wrong_lens_model"});
-  seen.told_lens = DepthAgreement{0.7, 1, 15000};
+  seen.info_agreement = DepthAgreement{0.7, 1, 15000};
   find(seen, "image").topic = "/left/image_rect";
   seen.writers.front().topic = "/left/image_rect";
   CHECK(finding(seen, "lens").result == FindingResult::ok);
 }
 
 TEST_CASE("a cloud in another unit is named by its ranges, or by metric depth") {
-  PairSeen seen = healthy();
+  PairObservation seen = healthy();
   const auto unit = [&](double median_range, std::uint64_t too_far) {
-    seen.cloud = CloudCensus{60000, 100, 0, too_far, median_range};
+    seen.cloud = CloudStatistics{60000, 100, 0, too_far, median_range};
     CHECK(problems(seen) == Names{"cloud_range/cloud_unit"});
     return finding(seen, "cloud_range").cause;
   };
@@ -241,20 +241,20 @@ TEST_CASE("a cloud in another unit is named by its ranges, or by metric depth") 
   CHECK(finding(seen, "agreement").code == "depth_scale");
   seen.depth_kind = OnnxDepthConfig::kind;
   CHECK(finding(seen, "agreement").result == FindingResult::ok);
-  seen.cloud = CloudCensus{60000, 1000, 59000, 0, 0};
+  seen.cloud = CloudStatistics{60000, 1000, 59000, 0, 0};
   CHECK(problems(seen) == Names{"cloud_range/empty_cloud"});
 }
 
 TEST_CASE("ordinary clouds, of a car park or of a motorway, are metres") {
-  PairSeen seen = healthy();
+  PairObservation seen = healthy();
   for (const double median_range : {2.0, 5.0, 30.0, 90.0}) {
-    seen.cloud = CloudCensus{60000, 100, 5000, 0, median_range};
+    seen.cloud = CloudStatistics{60000, 100, 5000, 0, median_range};
     CHECK(problems(seen).empty());
   }
 }
 
 TEST_CASE("stereo images that are exchanged are named") {
-  PairSeen seen = healthy();
+  PairObservation seen = healthy();
   seen.depth = DepthTrial{0.08, {}};
   seen.extrinsic->agreement = DepthAgreement{0.1, 0.4, 500};
   CHECK(problems(seen) == Names{"depth/few_valid_depth"});
@@ -263,7 +263,7 @@ TEST_CASE("stereo images that are exchanged are named") {
 }
 
 TEST_CASE("an extrinsic that reads better otherwise is named with what it should be") {
-  PairSeen seen = healthy();
+  PairObservation seen = healthy();
   seen.extrinsic->agreement = DepthAgreement{0.1, 1, 500};
   seen.extrinsic->likely = ExtrinsicReading{"inverse", "it looks like the inverse", RigidTransform::Identity()};
   seen.extrinsic->likely_agreement = DepthAgreement{0.9, 1, 15000};
@@ -275,7 +275,7 @@ TEST_CASE("an extrinsic that reads better otherwise is named with what it should
 }
 
 TEST_CASE("depth that is inverted, unrelated, weak, of another lens or failed is told apart") {
-  PairSeen seen = healthy();
+  PairObservation seen = healthy();
   seen.depth_kind = OnnxDepthConfig::kind;
   const auto with = [&](double correlation) {
     seen.extrinsic->agreement->rank_correlation = correlation;
@@ -285,7 +285,7 @@ TEST_CASE("depth that is inverted, unrelated, weak, of another lens or failed is
   CHECK(holds(with(-0.85).remedy, "semantics"));
   CHECK(with(0.05).code == "depth_unrelated");
   CHECK(with(0.4).result == FindingResult::warning);
-  seen.told_lens = DepthAgreement{0.9, 1, 15000};
+  seen.info_agreement = DepthAgreement{0.9, 1, 15000};
   CHECK(with(0.2).code == "wrong_lens_model");
   seen.depth = fail(ErrorCode::depth_failed, "the model is not the one that was pinned");
   CHECK(problems(seen) == Names{"depth/depth_failed"});
@@ -296,14 +296,14 @@ TEST_CASE("depth that is inverted, unrelated, weak, of another lens or failed is
 }
 
 TEST_CASE("a dark scene is a warning") {
-  PairSeen seen = healthy();
+  PairObservation seen = healthy();
   seen.scene = Error{ErrorCode::dark, "mean grey is 4.00, the limit is 20.00"};
   CHECK(problems(seen).empty());
   CHECK(finding(seen, "scene").code == "dark");
 }
 
 TEST_CASE("a pair of which nothing was seen has problems, and nothing about it is ok") {
-  PairSeen seen = healthy();
+  PairObservation seen = healthy();
   for (const char* check : {"image", "right_image", "cloud", "camera_info"}) silence(seen, check);
   seen.image = {}, seen.camera_info = {}, seen.cloud = {}, seen.extrinsic = {};
   seen.depth = fail(ErrorCode::no_pair, "there is no pair of samples to compute it from");
@@ -313,7 +313,7 @@ TEST_CASE("a pair of which nothing was seen has problems, and nothing about it i
 }
 
 TEST_CASE("names from outside are bounded, and escaped in JSON") {
-  PairSeen seen = healthy();
+  PairObservation seen = healthy();
   silence(seen, "cloud");
   seen.writers.push_back({"dds:" + std::string(5000, 'x') + "\x1b[31m", cloud_type_name, true, ""});
   seen.writers.push_back({"/points", "\x1b[31mtype", true, ""});
