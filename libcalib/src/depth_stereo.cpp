@@ -1,6 +1,8 @@
 #include "calib/depth_stereo.hpp"
 
 #include <opencv2/calib3d.hpp>
+#include <algorithm>
+#include <cmath>
 #include <optional>
 
 #include "stereo_rectification.hpp"

@@ -11,6 +11,7 @@
 #include <sstream>
 #include <string>
 #include <string_view>
+#include <tuple>
 
 #include "calib_eval/footage.hpp"
 #include "pair_monitor.hpp"

@@ -1,5 +1,8 @@
 #include "calib/camera.hpp"
 
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
 #include <limits>
 #include <numbers>
 #include <opencv2/calib3d.hpp>
