@@ -1,5 +1,6 @@
 #include "baseline_record.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 namespace calib {

@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 
 #include <opencv2/calib3d.hpp>
+#include <algorithm>
+#include <cmath>
 #include <optional>
 
 #include "stereo_rectification.hpp"

@@ -1,5 +1,6 @@
 #include "dds/log_limit.hpp"
 
+#include <memory>
 #include <thread>
 #include <vector>
 

@@ -11,6 +11,7 @@
 #include <sstream>
 #include <string>
 #include <string_view>
+#include <tuple>
 
 #include "calib_eval/recording_frames.hpp"
 #include "scenario/adversities.hpp"

@@ -1,4 +1,6 @@
 // What is signed, what is refused, what is taken back, and what survives a restart.
+#include <algorithm>
+
 #include "support/catch.hpp"
 #include "support/pair_scenario.hpp"
 

@@ -1,4 +1,6 @@
 // What sensors do that are not well, or see nothing of use. The LiDAR stays where it is.
+#include <algorithm>
+
 #include "support/catch.hpp"
 #include "support/pair_scenario.hpp"
 #include "vehicle/random.hpp"

@@ -6,6 +6,7 @@
 using Catch::Approx;
 #else
 #include <catch2/catch.hpp>
+#include <string>
 namespace Catch::Matchers {
 inline auto ContainsSubstring(const std::string& text) { return Contains(text); }
 }  // namespace Catch::Matchers

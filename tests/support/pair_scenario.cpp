@@ -2,6 +2,7 @@
 
 #include <sqlite3.h>
 
+#include <algorithm>
 #include "calib/depth_stereo.hpp"
 #include "dataset/recording.hpp"
 #include "support/quiet_network.hpp"

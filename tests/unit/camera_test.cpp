@@ -1,6 +1,8 @@
 #include "calib/camera.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <cstdint>
 #include <functional>
 #include <limits>
 #include <map>

@@ -1,7 +1,9 @@
 #include "calib/image_header.hpp"
 
 #include <opencv2/imgcodecs.hpp>
+#include <algorithm>
 #include <string>
+#include <vector>
 
 #include "support/catch.hpp"
 

@@ -2,6 +2,7 @@
 
 #include <onnxruntime_cxx_api.h>
 
+#include <cstdint>
 #include "support/catch.hpp"
 
 using namespace calib;

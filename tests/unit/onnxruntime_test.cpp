@@ -1,5 +1,7 @@
 #include <onnxruntime_cxx_api.h>
 
+#include <string>
+
 #include "support/catch.hpp"
 
 TEST_CASE("the ONNX Runtime that is linked is the one that the headers describe, and it starts") {

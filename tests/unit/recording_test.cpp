@@ -6,6 +6,7 @@
 #include <cstring>
 #include <fstream>
 #include <iomanip>
+#include <sstream>
 
 #include "dataset/cloud_file.hpp"
 #include "dataset/image_file.hpp"

@@ -1,6 +1,7 @@
 #include "dataset/encoded_image.hpp"
 
 #include <opencv2/imgcodecs.hpp>
+#include <vector>
 
 #include "calib/file.hpp"
 

@@ -1,5 +1,6 @@
 #include "dataset/list_writer.hpp"
 
+#include <algorithm>
 #include <iomanip>
 #include <span>
 #include <sstream>

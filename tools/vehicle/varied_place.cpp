@@ -1,5 +1,6 @@
 #include "vehicle/varied_place.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "dataset/depth_files.hpp"
