@@ -9,8 +9,8 @@
 
 namespace calib {
 
-/// Number and hash of the last record of a chain, kept in a folder of its own. The chain alone cannot show that its last
-/// records were cut off, or that an older store was put back.
+/// Number and hash of the last record of a chain, kept in a folder of its own. The chain alone cannot show that its
+/// last records were cut off, or that an older store was put back.
 struct ChainHead {
   std::uint64_t sequence = 0;
   std::string sha256{no_previous_sha256};

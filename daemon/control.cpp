@@ -141,7 +141,8 @@ void ControlSocket::drop(std::uint64_t id) {
   connections_.erase(found);
 }
 
-bool ControlSocket::read_request(std::uint64_t id, Connection& connection, const std::function<void(ClientRequest)>& handle) {
+bool ControlSocket::read_request(std::uint64_t id, Connection& connection,
+                                 const std::function<void(ClientRequest)>& handle) {
   char buffer[4096];
   const ssize_t count = read(connection.fd, buffer, sizeof buffer);
   if (count < 0) return errno == EAGAIN || errno == EINTR;
@@ -185,7 +186,8 @@ void ControlSocket::collect_replies() {
   replies_->lines.clear();
 }
 
-bool ControlSocket::serve(std::chrono::milliseconds timeout, int other_fd, const std::function<void(ClientRequest)>& handle) {
+bool ControlSocket::serve(std::chrono::milliseconds timeout, int other_fd,
+                          const std::function<void(ClientRequest)>& handle) {
   const auto end = std::chrono::steady_clock::now() + timeout;
   for (;;) {
     std::vector<pollfd> fds{{other_fd, POLLIN, 0}, {listen_fd_, POLLIN, 0}, {replies_->wake_fd, POLLIN, 0}};

@@ -70,7 +70,8 @@ class ControlSocket {
   ControlSocket() = default;
   void accept_connection();
   /// False: the connection is over.
-  [[nodiscard]] bool read_request(std::uint64_t id, Connection& connection, const std::function<void(ClientRequest)>& handle);
+  [[nodiscard]] bool read_request(std::uint64_t id, Connection& connection,
+                                  const std::function<void(ClientRequest)>& handle);
   [[nodiscard]] static bool send_reply(Connection& connection);
   void collect_replies();
   void drop(std::uint64_t id);

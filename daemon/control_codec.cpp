@@ -85,7 +85,8 @@ Result<ControlRequest> decode_request(const json& request) {
     if (request.value("pair", json()).is_null()) return DiagnosisRequest{};
     return DiagnosisRequest{pair_of(request)};
   }
-  if (what == "recalibrate") return RecalibrationRequest{pair_of(request), request.value("dry_run", json(false)) == true};
+  if (what == "recalibrate")
+    return RecalibrationRequest{pair_of(request), request.value("dry_run", json(false)) == true};
   if (what == "accept") return AcceptRequest{pair_of(request)};
   if (what == "rollback") {
     const json to = request.value("to", json());

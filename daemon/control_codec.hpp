@@ -14,8 +14,8 @@
 
 namespace calib {
 
-// What is asked at the control socket, and answered, as proto/control.md has it. This is the only place that writes or reads
-// its JSON.
+// What is asked at the control socket, and answered, as proto/control.md has it. This is the only place that writes or
+// reads its JSON.
 
 struct StatusRequest {};
 /// Records from number `from` on.

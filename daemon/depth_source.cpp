@@ -81,9 +81,10 @@ Result<T> DepthSource::supervise(const std::function<Result<T>()>& work) {
   if (!cancelled) return result.get();
   estimator_.reset();  // a cancelled estimator fails ever after
   if (ending) return fail(ErrorCode::depth_failed, "calibd ends");
-  return fail(ErrorCode::depth_failed, fmt::format("depth took longer than {:g} s; give it more time (depth.timeout), or less "
-                                          "to do",
-                                          std::chrono::duration<double>(pair_.depth_timeout).count()));
+  return fail(ErrorCode::depth_failed,
+              fmt::format("depth took longer than {:g} s; give it more time (depth.timeout), or less "
+                          "to do",
+                          std::chrono::duration<double>(pair_.depth_timeout).count()));
 }
 
 }  // namespace calib

@@ -63,8 +63,7 @@ Result<std::optional<FramePair>> listen(const DiagnosisInput& input, Network& ne
   while (keep_going() && steady_clock::now() < start + longest_listening) {
     auto samples = (*window)->wait(std::chrono::milliseconds(200));
     if (!samples) return propagate(samples);
-    for (Sample& sample : *samples)
-      probe.add(std::move(sample), std::chrono::system_clock::now().time_since_epoch());
+    for (Sample& sample : *samples) probe.add(std::move(sample), std::chrono::system_clock::now().time_since_epoch());
     seen.listened = steady_clock::now() - start;
     if (seen.listened < TopicProbe::shortest) continue;
     auto writers = network.remote_writers();
@@ -87,7 +86,8 @@ std::optional<DepthMap> try_depth(const DiagnosisInput& input, const FramePair& 
       if (auto masked = mask_depth(of.image, input.pair.depth_range, *depth); !masked) depth = propagate(masked);
     return depth;
   };
-  if (auto scene = check_pair(pair, seen.camera, nullptr, {}); !scene && scene.error().code != ErrorCode::image_size_mismatch)
+  if (auto scene = check_pair(pair, seen.camera, nullptr, {});
+      !scene && scene.error().code != ErrorCode::image_size_mismatch)
     seen.scene = scene.error();
   if (seen.image != size_of(seen.camera)) return std::nullopt;
   auto depth = estimate(pair);
@@ -102,8 +102,7 @@ std::optional<DepthMap> try_depth(const DiagnosisInput& input, const FramePair& 
     seen.info_agreement = depth_agreement(*depth, *told, input.T_camera_lidar, pair.scan);
   if (pair.right_image && !is_good(seen)) {
     FramePair exchanged{.image = *pair.right_image, .right_image = pair.image, .scan = pair.scan};
-    if (const auto swapped = estimate(exchanged))
-      seen.swapped = trial(*swapped, seen, input.T_camera_lidar, pair.scan);
+    if (const auto swapped = estimate(exchanged)) seen.swapped = trial(*swapped, seen, input.T_camera_lidar, pair.scan);
   }
   return std::move(*depth);
 }
@@ -131,9 +130,10 @@ void diagnose_pair(const DiagnosisInput& input, Network& network, DepthSource& d
   if (drawn)
     report.overlays.push_back({name, file});
   else
-    report.checks.push_back({name,
-                             {"picture", FindingResult::warning, std::string(to_string(drawn.error().code)), drawn.error().context,
-                              "state_dir is full or not writable", "make room, or correct state_dir"}});
+    report.checks.push_back(
+        {name,
+         {"picture", FindingResult::warning, std::string(to_string(drawn.error().code)), drawn.error().context,
+          "state_dir is full or not writable", "make room, or correct state_dir"}});
 }
 
 }  // namespace calib

@@ -50,7 +50,7 @@ struct PairObservation {
   std::string interface {};
   std::chrono::nanoseconds listened{};
   std::vector<TopicObservation> topics{};
-  std::vector<RemoteWriter> writers{};     // on any topic
+  std::vector<RemoteWriter> writers{};    // on any topic
   std::set<std::string> topics_in_use{};  // configured for something: not suggested instead of a wrong topic
   std::optional<ImageSize> image{};
   /// Why right or depth images were refused for their size; topic and key of the configuration.

@@ -98,7 +98,7 @@ Finding judge_lens(const PairObservation& seen, const std::vector<Finding>& find
       (is_distorted(info) ? info.model != camera.model() : !straight || camera.model() == CameraModel::equidistant))
     return problem("lens", "wrong_lens_model", what, "camera.model is " + std::string(to_string(camera.model())),
                    is_distorted(info) ? fmt::format("write model: {} and its distortion", to_string(info.model))
-                               : "write model: rectified, without distortion");
+                                      : "write model: rectified, without distortion");
   const bool from_p = rectified && info.P[0] > 0;
   const std::array<double, 4> theirs = from_p ? std::array{info.P[0], info.P[5], info.P[2], info.P[6]}
                                               : std::array{info.K[0], info.K[4], info.K[2], info.K[5]};

@@ -76,10 +76,10 @@ Finding not_published(const PairObservation& seen, const TopicObservation& topic
         fmt::format("no other DDS participant is found in domain {} on interface {}", seen.domain, seen.interface),
         "compare dds.domain with the vehicle's ROS_DOMAIN_ID and dds.interface with the network that its "
         "sensors are on; is multicast let through?");
-  return problem(topic.check, "no_publisher", "nobody publishes " + topic.topic,
-                 fmt::format("its driver does not run, or publishes {} under a name that another setting uses",
-                             topic.type),
-                 fmt::format("start the driver, or write the right topic as {}", topic.key));
+  return problem(
+      topic.check, "no_publisher", "nobody publishes " + topic.topic,
+      fmt::format("its driver does not run, or publishes {} under a name that another setting uses", topic.type),
+      fmt::format("start the driver, or write the right topic as {}", topic.key));
 }
 
 Finding of_other_type(const PairObservation& seen, const TopicObservation& topic, const RemoteWriter& writer) {
@@ -197,8 +197,9 @@ Finding judge_pairing(const PairObservation& seen, const std::vector<Finding>& f
         {},        fmt::format("image and cloud are {:.1f} ms apart", std::abs(seconds(*seen.time_difference)) * 1000),
         {},        {}};
   if (has_problem(findings, {"image", "right_image", "cloud", "depth_topic", "clock"}))
-    return {"pairing", FindingResult::not_checked, {}, "an image, its depth or a cloud is missing, or stamps are wrong",
-            {}, {}};
+    return {"pairing", FindingResult::not_checked,
+            {},        "an image, its depth or a cloud is missing, or stamps are wrong",
+            {},        {}};
   if (seen.companion_mismatch || (seen.image && *seen.image != ImageSize{seen.camera.width(), seen.camera.height()}))
     return {"pairing", FindingResult::not_checked, {}, "images have another size", {}, {}};
   const Error& error = seen.time_difference.error();

@@ -28,9 +28,10 @@ Result<Ledger> Ledger::open(const std::filesystem::path& state_dir, const std::f
   if (!history) return propagate(history);
   for (CalibrationRecord& record : *history) {
     if (record.vehicle != ledger.provenance_.vehicle)
-      return fail(ErrorCode::other_vehicle, "the records in " + state_dir.string() + " are of vehicle '" + record.vehicle +
-                                       "', the configuration is of '" + ledger.provenance_.vehicle +
-                                       "'; correct `vehicle`, or move that folder and " + head_dir.string() + " away");
+      return fail(ErrorCode::other_vehicle,
+                  "the records in " + state_dir.string() + " are of vehicle '" + record.vehicle +
+                      "', the configuration is of '" + ledger.provenance_.vehicle +
+                      "'; correct `vehicle`, or move that folder and " + head_dir.string() + " away");
     ledger.last_sequence_ = record.sequence;
     ledger.written_by_first_version_ = record.evidence_sha256.empty();
     ledger.index(std::move(record));
@@ -102,7 +103,8 @@ Result<CalibrationRecord> Ledger::find(std::string_view pair, std::uint64_t sequ
   }
   auto record = verify_record(*signed_record, key_.public_key(), previous_sha256, sequence);
   if (record && record->pair != pair)
-    return fail(ErrorCode::record_not_found, "record " + std::to_string(sequence) + " is not of pair " + std::string(pair));
+    return fail(ErrorCode::record_not_found,
+                "record " + std::to_string(sequence) + " is not of pair " + std::string(pair));
   return record;
 }
 
@@ -153,8 +155,7 @@ Result<Ledger::Written> Ledger::write(std::string_view pair, const PairState& st
       const auto next = store_.next_alert_sequence();
       if (!next) return propagate(next);
       written.alert->alert_sequence = *next;
-      if (auto queued = store_.enqueue_alert(alert_text(*written.alert)); !queued)
-        return propagate(queued);
+      if (auto queued = store_.enqueue_alert(alert_text(*written.alert)); !queued) return propagate(queued);
     }
     return store_.save_state(pair, authenticated(pair, sequence, sha256, state));
   });
@@ -173,7 +174,9 @@ Result<std::optional<PairState>> Ledger::state(std::string_view pair) const {
   const auto stored = store_.state(pair);
   if (!stored) return propagate(stored);
   if (!*stored) return std::optional<PairState>{};
-  const auto refuse = [](const char* why) { return fail(ErrorCode::malformed_state, std::string("the saved state ") + why); };
+  const auto refuse = [](const char* why) {
+    return fail(ErrorCode::malformed_state, std::string("the saved state ") + why);
+  };
   const std::string_view text = **stored;
   const auto end = text.find('\n');
   if (text.starts_with('{')) return refuse("is of an earlier version of calibd");

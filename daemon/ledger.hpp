@@ -29,8 +29,8 @@ struct Provenance {
 class Ledger {
  public:
   /// Opens `state_dir`/calibd.db and verifies every record in it. Fails when a record does not verify, and leaves the
-  /// store as it is. Fails with `other_vehicle` when the records are of another vehicle than `provenance`: a chain holds
-  /// the records of one vehicle. The head of the chain is kept in `head_dir`.
+  /// store as it is. Fails with `other_vehicle` when the records are of another vehicle than `provenance`: a chain
+  /// holds the records of one vehicle. The head of the chain is kept in `head_dir`.
   [[nodiscard]] static Result<Ledger> open(const std::filesystem::path& state_dir,
                                            const std::filesystem::path& head_dir, SigningKey key,
                                            Provenance provenance);
@@ -54,8 +54,8 @@ class Ledger {
   /// Writes the entry and the pair's state in one transaction.
   [[nodiscard]] Result<Written> write(std::string_view pair, const PairState& state, Entry entry, const Moment& now);
 
-  /// The state that was written last; nothing when there is none. Fails with `malformed_state` when its MAC is wrong, or
-  /// when it belongs to another chain of records, or to the same chain before or after its present end.
+  /// The state that was written last; nothing when there is none. Fails with `malformed_state` when its MAC is wrong,
+  /// or when it belongs to another chain of records, or to the same chain before or after its present end.
   [[nodiscard]] Result<std::optional<PairState>> state(std::string_view pair) const;
   /// The latest alerts that wait for delivery, oldest first, and the errors of those that cannot be read.
   struct Alerts {

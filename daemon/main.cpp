@@ -76,9 +76,9 @@ Result<void> make_directories(const calib::Config& config) {
     std::error_code error;
     std::filesystem::create_directories(directory, error);
     if (error || access(directory.c_str(), W_OK) != 0)
-      return calib::fail(ErrorCode::bad_directory, directory.string() +
-                                              " cannot be written: " + (error ? error.message() : "permission denied") +
-                                              "; make it, or choose another in the configuration");
+      return calib::fail(ErrorCode::bad_directory,
+                         directory.string() + " cannot be written: " + (error ? error.message() : "permission denied") +
+                             "; make it, or choose another in the configuration");
   }
   return {};
 }
@@ -199,9 +199,10 @@ int main(int argc, char** argv) {
   auto service = make_service(std::move(*config), std::move(*key));
   if (!service) {
     // Records that do not verify are for a person to look at; starting again would not mend them.
-    const bool records = service.error().code == ErrorCode::bad_signature || service.error().code == ErrorCode::broken_chain ||
-                         service.error().code == ErrorCode::wrong_key || service.error().code == ErrorCode::malformed_record ||
-                         service.error().code == ErrorCode::other_vehicle;
+    const bool records =
+        service.error().code == ErrorCode::bad_signature || service.error().code == ErrorCode::broken_chain ||
+        service.error().code == ErrorCode::wrong_key || service.error().code == ErrorCode::malformed_record ||
+        service.error().code == ErrorCode::other_vehicle;
     return complain(service.error(), records ? exit_config : exit_failed);
   }
   return serve(**service, *control, *signal_fd);

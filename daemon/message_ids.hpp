@@ -3,7 +3,8 @@
 #include <string_view>
 
 /// Journal message ids (MESSAGE_ID=): one per kind of event, never changed, explained for operators in
-/// systemd/calibd.catalog (`journalctl -x`). `journalctl MESSAGE_ID=195bf4e8badc40ee9e9ae7764931bfd4` finds every drift.
+/// systemd/calibd.catalog (`journalctl -x`). `journalctl MESSAGE_ID=195bf4e8badc40ee9e9ae7764931bfd4` finds every
+/// drift.
 namespace calib::message_ids {
 
 inline constexpr std::string_view drift_suspected = "ae07ce8c1c0e4a43a021844cb14ff2bb";

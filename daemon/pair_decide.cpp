@@ -10,8 +10,8 @@
 namespace calib {
 namespace {
 
-/// An extrinsic on probation that does worse than the one it replaced is given up early, when that is significant; at the
-/// end it has to do better.
+/// An extrinsic on probation that does worse than the one it replaced is given up early, when that is significant; at
+/// the end it has to do better.
 constexpr int least_probation_pairs = 5;
 constexpr double surely_worse_sigmas = 3, better_sigmas = 2;
 
@@ -100,12 +100,13 @@ PairDecision PairPipeline::conclude(const PairState& before, PairState after, co
   count_cycle(after.run, now.time.since_boot);
   if (after.probation && after.run.windows_without_evidence == 0) {
     const bool over = after.probation->pairs >= settings_.drift.baseline_pairs;
-    if (const auto why = failed_probation(*after.probation, over)) return end_probation(before, std::move(after), *why, now);
+    if (const auto why = failed_probation(*after.probation, over))
+      return end_probation(before, std::move(after), *why, now);
     if (over) {
-      decision.journal.push_back({5, message_ids::probation_passed,
-                                  fmt::format("{}: the extrinsic of record {} has passed its probation: {}",
-                                              settings_.pair, now.history.in_force()->sequence,
-                                              in_words(*after.probation))});
+      decision.journal.push_back(
+          {5, message_ids::probation_passed,
+           fmt::format("{}: the extrinsic of record {} has passed its probation: {}", settings_.pair,
+                       now.history.in_force()->sequence, in_words(*after.probation))});
       after.probation.reset();
       after.refusals = 0;
     }
@@ -132,18 +133,19 @@ void PairPipeline::conclude_verdict(PairState& after, const Now& now) const {
     if (const Verdict last = shown(after.drift.verdict); last == Verdict::drifted || last == Verdict::suspect)
       after.reason += fmt::format("; it was {} when last evaluated", to_string(last));
   } else if (after.run.windows_without_evidence == 0) {
-    after.set({shown(after.drift.verdict), cause(after.drift.verdict),
-               DriftMonitor(settings_.drift, after.drift).reason()});
+    after.set(
+        {shown(after.drift.verdict), cause(after.drift.verdict), DriftMonitor(settings_.drift, after.drift).reason()});
     if (after.verdict == Verdict::drifted)
       after.reason += "; pairs for recalibration: " + progress(after) + next_try(after, now);
     if (after.probation)
       after.reason += fmt::format("; the extrinsic of record {} is on probation", now.history.in_force()->sequence);
   }
   if (after.unresolved && after.verdict == Verdict::calibrated) {
-    after.set({Verdict::not_evaluated, ErrorCode::unresolved,
-               fmt::format("unresolved: {}, and what was learned since may be of an extrinsic that is wrong; recalibrate, "
-                           "or confirm it with `calibctl rollback {} --to {}`",
-                           *after.unresolved, settings_.pair, now.history.in_force()->sequence)});
+    after.set(
+        {Verdict::not_evaluated, ErrorCode::unresolved,
+         fmt::format("unresolved: {}, and what was learned since may be of an extrinsic that is wrong; recalibrate, "
+                     "or confirm it with `calibctl rollback {} --to {}`",
+                     *after.unresolved, settings_.pair, now.history.in_force()->sequence)});
   }
   // The state itself is about to be written.
   after.set(claim(after.claimed(), grounds(after, now.not_written), {now.boot_id, now.time.since_boot}));
@@ -165,7 +167,8 @@ std::optional<CalibrationRecord> PairPipeline::baseline_due(const PairState& sta
   return record;
 }
 
-/// What a change of verdict brings with it: its time, the alert, the journal. `evidence` is what the verdict comes from.
+/// What a change of verdict brings with it: its time, the alert, the journal. `evidence` is what the verdict comes
+/// from.
 void PairPipeline::finish(PairDecision& decision, const PairState& before, const DriftState& evidence,
                           const Now& now) const {
   PairState& after = *decision.state;

@@ -40,8 +40,7 @@ const CalibrationRecord* PairHistory::known_baseline(const std::string& evidence
 
 bool PairHistory::probation_passed() const {
   const CalibrationRecord* learned = baseline();
-  return in_force()->decision != Decision::accepted ||
-         (learned != nullptr && learned->sequence > in_force()->sequence);
+  return in_force()->decision != Decision::accepted || (learned != nullptr && learned->sequence > in_force()->sequence);
 }
 
 }  // namespace calib

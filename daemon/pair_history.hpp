@@ -25,8 +25,8 @@ struct PairHistory {
   /// The last baseline of an extrinsic, or of the one in force; also from an earlier time when it was.
   [[nodiscard]] const CalibrationRecord* baseline(const RigidTransform& T_camera_lidar) const;
   [[nodiscard]] const CalibrationRecord* baseline() const;
-  /// The baseline that counts: of the extrinsic in force, from the time since it came into force or before it was put in
-  /// force again, and learned with what `evidence_sha256` is the digest of.
+  /// The baseline that counts: of the extrinsic in force, from the time since it came into force or before it was put
+  /// in force again, and learned with what `evidence_sha256` is the digest of.
   [[nodiscard]] const CalibrationRecord* known_baseline(const std::string& evidence_sha256) const;
   /// Whether the extrinsic in force has passed its probation: its baseline is signed at the end of that.
   [[nodiscard]] bool probation_passed() const;

@@ -6,8 +6,8 @@
 
 namespace calib {
 
-/// Makes the record's extrinsic the one in force. What was learned belonged to the one before; of an extrinsic that was in
-/// force earlier the baseline is known.
+/// Makes the record's extrinsic the one in force. What was learned belonged to the one before; of an extrinsic that was
+/// in force earlier the baseline is known.
 PairDecision PairPipeline::put_in_force(CalibrationRecord record, const PairState& before, PairState after,
                                         const Now& now) const {
   PairDecision decision;

@@ -56,7 +56,8 @@ Result<Measurement> PairPipeline::measure(const FramePair& pair, const PairState
   // Depth of the image, where it can be believed.
   auto depth_map = depth.estimate(pair);
   if (!depth_map) return propagate(depth_map);
-  if (auto masked = mask_depth(pair.image, settings_.quality.depth_range, *depth_map); !masked) return propagate(masked);
+  if (auto masked = mask_depth(pair.image, settings_.quality.depth_range, *depth_map); !masked)
+    return propagate(masked);
   if (auto usable = check_depth(*depth_map, settings_.quality); !usable) return propagate(usable);
 
   // Ranks of depth and of range, of the points that can come into view.
@@ -112,10 +113,10 @@ Result<RestoredPair> PairPipeline::restore(const Result<std::optional<PairState>
     after.reason = "starting: earlier evidence is set aside: " + set_aside;
     if (state.verdict != after.verdict)
       after.reason += fmt::format("; it was {} when last evaluated", to_string(state.verdict));
-    decision.journal.push_back({4, message_ids::evidence_set_aside,
-                                fmt::format("{}: earlier evidence is set aside: {}; the baseline is {}", settings_.pair,
-                                            set_aside,
-                                            state.drift.baseline.pairs > 0 ? "that of the records" : "learned anew")});
+    decision.journal.push_back(
+        {4, message_ids::evidence_set_aside,
+         fmt::format("{}: earlier evidence is set aside: {}; the baseline is {}", settings_.pair, set_aside,
+                     state.drift.baseline.pairs > 0 ? "that of the records" : "learned anew")});
   }
   finish(decision, state, state.drift, now);
   return restored;

@@ -17,8 +17,9 @@
 
 namespace calib {
 
-// The life of a camera-LiDAR pair as values and pure functions: no DDS, no clock, no store. `measure` turns samples into a
-// measurement, `decide` turns a measurement, its absence or a request into what shall happen. `Service` makes it happen.
+// The life of a camera-LiDAR pair as values and pure functions: no DDS, no clock, no store. `measure` turns samples
+// into a measurement, `decide` turns a measurement, its absence or a request into what shall happen. `Service` makes it
+// happen.
 
 /// What the configuration says of a pair, as the pipeline needs it.
 struct PairSettings {
@@ -85,12 +86,12 @@ struct Answer {
   Decision decision = Decision::rejected;  // as the record has it; of a dry run, as it would have been
   bool dry_run = false;
   std::string reason;
-  std::optional<std::uint64_t> record{};   // that was written
+  std::optional<std::uint64_t> record{};  // that was written
   std::optional<Recalibration> result{};  // where something was computed
 };
 
-/// What shall happen, all of it or nothing: the state, the record and the alert are written in one transaction, and count
-/// once that is done. Only then anything is published, logged and answered.
+/// What shall happen, all of it or nothing: the state, the record and the alert are written in one transaction, and
+/// count once that is done. Only then anything is published, logged and answered.
 struct PairDecision {
   std::optional<PairState> state;  // nothing: nothing changes
   std::optional<CalibrationRecord> record;
@@ -126,8 +127,8 @@ class PairPipeline {
   explicit PairPipeline(PairSettings settings) : settings_(std::move(settings)) {}
 
   /// What a start makes of what was saved: the last record's extrinsic, unless the configuration has a new one since
-  /// (`T_camera_lidar`), for which an `initial` record is written. Evidence goes on when it was measured with what it is
-  /// measured with now, and is set aside otherwise. Nothing is claimed before this process has evidence of its own.
+  /// (`T_camera_lidar`), for which an `initial` record is written. Evidence goes on when it was measured with what it
+  /// is measured with now, and is set aside otherwise. Nothing is claimed before this process has evidence of its own.
   /// `saved` may be `malformed_state`; other errors are passed on.
   [[nodiscard]] Result<RestoredPair> restore(const Result<std::optional<PairState>>& saved,
                                              const RigidTransform& T_camera_lidar, const Now& now) const;

@@ -12,13 +12,15 @@ namespace {
 /// Waiting is doubled no further: a day or two at the default interval.
 constexpr int most_doublings = 8;
 
-/// What the evidence of drift says; nothing where there is none, or none but that the extrinsic was wrong from the start.
+/// What the evidence of drift says; nothing where there is none, or none but that the extrinsic was wrong from the
+/// start.
 std::optional<Expectation> expectation(const DriftMonitor& monitor) {
   const auto onset = monitor.onset();
   const auto estimate = monitor.misalignment();
   if (!onset || *onset == Timestamp::min() || !estimate) return std::nullopt;
   Expectation expected{.delta = estimate->delta, .covariance = estimate->covariance};
-  for (int axis = 0; axis < 6; ++axis) expected.reach[axis] = 1.9 * StencilStep{}.of_axis(axis);  // a little less than 2
+  for (int axis = 0; axis < 6; ++axis)
+    expected.reach[axis] = 1.9 * StencilStep{}.of_axis(axis);  // a little less than 2
   return expected;
 }
 
@@ -90,10 +92,10 @@ RecalibrationSettings PairPipeline::recalibration_settings(const PairState& stat
   return settings;
 }
 
-/// From the eligible frames, of which every fifth is held back. Memory that runs out, and what a library throws, cost the
-/// recalibration and no more.
-Result<PairPipeline::Search> PairPipeline::search(const PairState& state,
-                                                  const std::function<bool()>& keep_going) const try {
+/// From the eligible frames, of which every fifth is held back. Memory that runs out, and what a library throws, cost
+/// the recalibration and no more.
+Result<PairPipeline::Search> PairPipeline::search(const PairState& state, const std::function<bool()>& keep_going) const
+    try {
   const auto frames = eligible_frames(state);
   if (frames.size() < wanted_frames())
     return fail(ErrorCode::not_ready,
@@ -155,11 +157,10 @@ PairDecision PairPipeline::decide(const PairState& state, const Recalibrate& req
   decision.record = std::move(record);
   decision.state = std::move(after);
   decision.answer = Answer{.decision = outcome, .reason = result.reason, .record = now.next_sequence, .result = result};
-  decision.journal.push_back({5,
-                              outcome == Decision::proposed ? message_ids::recalibration_proposed
-                                                            : message_ids::recalibration_rejected,
-                              fmt::format("{}: recalibration {} in record {}: {}", settings_.pair, to_string(outcome),
-                                          now.next_sequence, result.reason)});
+  decision.journal.push_back(
+      {5, outcome == Decision::proposed ? message_ids::recalibration_proposed : message_ids::recalibration_rejected,
+       fmt::format("{}: recalibration {} in record {}: {}", settings_.pair, to_string(outcome), now.next_sequence,
+                   result.reason)});
   return decision;
 }
 

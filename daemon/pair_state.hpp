@@ -52,8 +52,8 @@ struct PairState {
   Verdict verdict = Verdict::not_evaluated;
   std::optional<ErrorCode> cause = ErrorCode::no_pair_yet;  // as of `Claim`
   std::string reason = "no pair was evaluated yet";
-  /// Why the extrinsic in force must not be called calibrated whatever is learned at it; nothing when it may. Ends when an
-  /// extrinsic is put in force.
+  /// Why the extrinsic in force must not be called calibrated whatever is learned at it; nothing when it may. Ends when
+  /// an extrinsic is put in force.
   std::optional<std::string> unresolved;
   WallTime since{};
   std::optional<WallTime> last_evaluated;

@@ -45,9 +45,10 @@ Result<std::unique_ptr<Service>> Service::make(Config config, Ledger ledger, std
 
 Result<void> Service::restore(const PairConfig& config) {
   PairPipeline pipeline(pair_settings(config_, config, evidence_sha256(config, ledger_.provenance())));
-  auto depth = std::make_unique<DepthSource>(config, [this] { return keep_going(); }, surroundings_.make_depth);
-  auto owned = std::make_unique<Pair>(Pair{
-      .config = &config, .topics = topics_of(config), .pipeline = std::move(pipeline), .depth = std::move(depth)});
+  auto depth = std::make_unique<DepthSource>(
+      config, [this] { return keep_going(); }, surroundings_.make_depth);
+  auto owned = std::make_unique<Pair>(
+      Pair{.config = &config, .topics = topics_of(config), .pipeline = std::move(pipeline), .depth = std::move(depth)});
   Pair& pair = *owned;
   auto restored = pair.pipeline.restore(ledger_.state(config.name), config.T_camera_lidar, now(pair));
   if (!restored) return propagate(restored);
@@ -97,11 +98,10 @@ bool Service::commit(Pair& pair, PairDecision& decision) {
 void Service::publish(const Pair& pair, const PairDecision& decision) {
   if (decision.alert)
     if (auto sent = network_->publish_alert(*decision.alert); !sent)
-      surroundings_.log(4, message_ids::bus_failed,
-                        pair.config->name + ": " + sent.error().context +
-                            "; the alert is kept and sent at the next start");
-  for (const JournalEntry& entry : decision.journal)
-    surroundings_.log(entry.priority, entry.message_id, entry.text);
+      surroundings_.log(
+          4, message_ids::bus_failed,
+          pair.config->name + ": " + sent.error().context + "; the alert is kept and sent at the next start");
+  for (const JournalEntry& entry : decision.journal) surroundings_.log(entry.priority, entry.message_id, entry.text);
 }
 
 /// Makes a decision happen.
@@ -223,8 +223,8 @@ ControlReply Service::answer(const PendingRequest& pending) {
 }
 
 void Service::ask(PendingRequest request) {
-  const bool only_shows = std::holds_alternative<StatusRequest>(request.request) ||
-                          std::holds_alternative<RecordsRequest>(request.request);
+  const bool only_shows =
+      std::holds_alternative<StatusRequest>(request.request) || std::holds_alternative<RecordsRequest>(request.request);
   if (only_shows) return request.reply(answer(request));
   const std::lock_guard lock(mutex_);
   if (requests_.size() >= most_requests)
@@ -296,14 +296,15 @@ DiagnosisReport Service::diagnose_pairs(const std::optional<std::string>& name) 
   DiagnosisReport report;
   for (const auto& pair : pairs_) {
     if ((name && *name != pair->config->name) || stopping()) continue;
-    diagnose_pair({.dds = config_.dds,
-                   .sampling = config_.sampling,
-                   .pair = *pair->config,
-                   .topics = pair->topics,
-                   .T_camera_lidar = pair->state.T_camera_lidar,
-                   .other_image_topics = image_topics,
-                   .picture_folder = config_.state_dir / "doctor"},
-                  *network_, *pair->depth, [this] { return keep_going(); }, report);
+    diagnose_pair(
+        {.dds = config_.dds,
+         .sampling = config_.sampling,
+         .pair = *pair->config,
+         .topics = pair->topics,
+         .T_camera_lidar = pair->state.T_camera_lidar,
+         .other_image_topics = image_topics,
+         .picture_folder = config_.state_dir / "doctor"},
+        *network_, *pair->depth, [this] { return keep_going(); }, report);
   }
   return report;
 }

@@ -92,7 +92,7 @@ class Service {
     PairPipeline pipeline;
     std::unique_ptr<DepthSource> depth;
     PairState state = {};
-    std::optional<Error> store_failure = {};  // of the last transaction
+    std::optional<Error> store_failure = {};        // of the last transaction
     std::optional<std::string> depth_failure = {};  // that the journal has
     /// Time since boot at which the last sample of each topic arrived.
     std::optional<std::chrono::nanoseconds> image = {}, right_image = {}, depth_image = {}, cloud = {}, motion = {};
@@ -116,9 +116,8 @@ class Service {
   [[nodiscard]] ControlReply answer(const RecalibrationRequest& request, const Peer& peer);
   [[nodiscard]] ControlReply answer(const AcceptRequest& request, const Peer& peer);
   [[nodiscard]] ControlReply answer(const RollbackRequest& request, const Peer& peer);
-  [[nodiscard]] ControlReply change(
-      const std::string& name, const Peer& peer,
-      const std::function<Result<Answer>(std::size_t pair, std::string asked_by)>& make);
+  [[nodiscard]] ControlReply change(const std::string& name, const Peer& peer,
+                                    const std::function<Result<Answer>(std::size_t pair, std::string asked_by)>& make);
   [[nodiscard]] DiagnosisReport diagnose_pairs(const std::optional<std::string>& name);
   [[nodiscard]] Result<std::size_t> find(const std::string& name) const;
 

@@ -55,7 +55,8 @@ std::variant<Measurement, Skip> Service::measure(Pair& pair) try {
   return Skip{{ErrorCode::internal_error, std::string("a pair could not be evaluated: ") + exception.what()}};
 }
 
-/// Why the pair's source of depth is of no use, if it is. One that failed stays so, and nothing can be said of the pair.
+/// Why the pair's source of depth is of no use, if it is. One that failed stays so, and nothing can be said of the
+/// pair.
 std::optional<Skip> Service::prepare(Pair& pair) {
   const auto remark = pair.depth->prepare();
   const std::string& name = pair.config->name;

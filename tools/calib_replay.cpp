@@ -9,8 +9,7 @@ int main(int argc, char** argv) {
   std::filesystem::path folder;
   bool loop = false;
   vehicle::PlayOptions options;
-  CLI::App app(
-      "Publishes a recorded KITTI raw drive as the vehicle did, with its LiDAR knocked where asked.");
+  CLI::App app("Publishes a recorded KITTI raw drive as the vehicle did, with its LiDAR knocked where asked.");
   app.add_option("DRIVE", folder, "folder <date>/<drive>, its calibration files above it")->required();
   app.add_flag("--loop", loop, "begin again after the last frame, until --frames, --duration or a signal");
   vehicle::add_play_options(app, options);

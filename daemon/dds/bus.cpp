@@ -81,11 +81,10 @@ Result<Bus> Bus::open(std::uint32_t domain, std::string_view interface, std::uin
     into = std::move(*writer);
     return {};
   };
-  result = write(diagnostics_type, "/diagnostics", {.reliable = true, .durable = false, .depth = 10},
-                 bus.diagnostics_);
+  result = write(diagnostics_type, "/diagnostics", {.reliable = true, .durable = false, .depth = 10}, bus.diagnostics_);
   if (result)
-    result = write(transforms_type, "/calibd/tf_static_proposed",
-                   {.reliable = true, .durable = true, .depth = 1}, bus.proposed_);
+    result = write(transforms_type, "/calibd/tf_static_proposed", {.reliable = true, .durable = true, .depth = 1},
+                   bus.proposed_);
   if (result)
     result =
         write(drift_alert_type, "/calibd/drift_alert", {.reliable = true, .durable = true, .depth = 32}, bus.alerts_);
@@ -103,8 +102,7 @@ void Bus::interrupt() { dds_set_guardcondition(interrupt_.get(), true); }
 
 Result<void> Bus::publish_diagnostics(const Status& status, WallTime now) {
   log_->report_if_due();
-  return check(dds_write(diagnostics_.endpoint.get(), diagnostics_message(status, now).get()),
-               "/diagnostics");
+  return check(dds_write(diagnostics_.endpoint.get(), diagnostics_message(status, now).get()), "/diagnostics");
 }
 
 Result<void> Bus::publish_proposed(std::span<const ProposedExtrinsic> proposed, WallTime now) {

@@ -143,8 +143,8 @@ Result<void> check_png(Bytes bytes) {
     compressed_metadata += chunk->kind == "iCCP" || chunk->kind == "zTXt" || chunk->kind == "iTXt";
     if (metadata_bytes > max_png_metadata_bytes || compressed_metadata > max_png_compressed_metadata)
       return fail(ErrorCode::malformed_compressed_metadata, "the PNG has more than 1 MiB of metadata, or more than " +
-                                                       std::to_string(max_png_compressed_metadata) +
-                                                       " compressed texts and profiles");
+                                                                std::to_string(max_png_compressed_metadata) +
+                                                                " compressed texts and profiles");
   }
   return fail(ErrorCode::malformed_compressed_data, "the PNG is incomplete");
 }

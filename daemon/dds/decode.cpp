@@ -249,9 +249,7 @@ Result<DecodedCloud> decode_cloud(const sensor_msgs_msg_dds__PointCloud2_& messa
   for (std::uint64_t row = 0; row < height; ++row) {
     const std::uint8_t* point = message.data._buffer + row * message.row_step;
     for (std::uint64_t column = 0; column < width; ++column, point += message.point_step) {
-      const auto read = [&](const Field& field) {
-        return read_scalar(point + field.offset, field.type, swap);
-      };
+      const auto read = [&](const Field& field) { return read_scalar(point + field.offset, field.type, swap); };
       const double x = read(layout->x), y = read(layout->y), z = read(layout->z);
       if (!ranges.count(std::hypot(x, y, z), scan.statistics)) continue;
       const float reflectance = layout->reflectance ? static_cast<float>(read(*layout->reflectance)) : 0.0F;

@@ -67,7 +67,8 @@ Result<DepthImage> decode_disparity(const stereo_msgs_msg_dds__DisparityImage_& 
     return fail(ErrorCode::malformed_disparity_scale, "f (pixels) and t (metres) must be positive");
   const float least = message.min_disparity, most = message.max_disparity;
   if (!std::isfinite(least) || !std::isfinite(most) || least > most)
-    return fail(ErrorCode::malformed_disparity_range, "min_disparity must not exceed max_disparity, and both must be finite");
+    return fail(ErrorCode::malformed_disparity_range,
+                "min_disparity must not exceed max_disparity, and both must be finite");
   const auto& window = message.valid_window;
   const bool whole = window.width == 0 || window.height == 0;
   const std::uint64_t right = std::uint64_t{window.x_offset} + window.width,

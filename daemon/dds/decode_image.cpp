@@ -74,7 +74,8 @@ Result<void> convert(const cv::Mat& in, int conversion, int type, std::vector<st
       in.copyTo(to);
     else
       cv::cvtColor(in, to, conversion);
-    if (to.data != out.data()) return fail(ErrorCode::malformed_image_data, "the conversion changes the size of the image");
+    if (to.data != out.data())
+      return fail(ErrorCode::malformed_image_data, "the conversion changes the size of the image");
   } catch (const cv::Exception& e) {
     if (e.code == cv::Error::StsNoMem) return fail(ErrorCode::out_of_memory, "there is no memory for the image");
     return fail(ErrorCode::malformed_image_data, "OpenCV cannot convert it: " + e.err);

@@ -52,9 +52,9 @@ struct Endpoint {
   Entity topic;
   Entity endpoint;
 };
-[[nodiscard]] Result<Endpoint> make_reader(dds_entity_t participant, const MessageType& type,
-                                           std::string_view topic, const QosProfile& profile);
-[[nodiscard]] Result<Endpoint> make_writer(dds_entity_t participant, const MessageType& type,
-                                           std::string_view topic, const QosProfile& profile);
+[[nodiscard]] Result<Endpoint> make_reader(dds_entity_t participant, const MessageType& type, std::string_view topic,
+                                           const QosProfile& profile);
+[[nodiscard]] Result<Endpoint> make_writer(dds_entity_t participant, const MessageType& type, std::string_view topic,
+                                           const QosProfile& profile);
 
 }  // namespace calib

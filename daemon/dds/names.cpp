@@ -13,10 +13,7 @@ bool is_ros_name(std::string_view name) {
   if (name.size() < 2 || name.size() > 250 || name.front() != '/') return false;
   char before = 0;
   for (const char c : name) {
-    const bool fits = c == '/'      ? before != '/'
-                      : c == '_'    ? before != '_'
-                      : is_digit(c) ? before != '/'
-                                    : is_letter(c);
+    const bool fits = c == '/' ? before != '/' : c == '_' ? before != '_' : is_digit(c) ? before != '/' : is_letter(c);
     if (!fits) return false;
     before = c;
   }
@@ -29,8 +26,8 @@ Result<std::string> dds_topic_name(std::string_view topic) {
   constexpr std::string_view raw = "dds:";
   if (topic.starts_with(raw)) {
     topic.remove_prefix(raw.size());
-    const bool taken = std::ranges::all_of(
-        topic, [](char c) { return is_letter(c) || is_digit(c) || c == '_' || c == '/'; });
+    const bool taken =
+        std::ranges::all_of(topic, [](char c) { return is_letter(c) || is_digit(c) || c == '_' || c == '/'; });
     if (topic.empty() || topic.size() > 255 || !taken || is_digit(topic.front()))
       return fail(ErrorCode::bad_topic,
                   "a raw topic name is dds: and 1 .. 255 letters, digits, _ and /, no digit first");

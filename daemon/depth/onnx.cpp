@@ -44,8 +44,7 @@ constinit const DepthKind OnnxDepthConfig::kind{
     .is_monocular = true,
     .colour = Colour::rgb,
     .remedies = {.few_valid = "is it the right model, topic and range_m?",
-                 .inverted =
-                     "correct output.semantics in the model's descriptor: depth and inverse depth are confused",
+                 .inverted = "correct output.semantics in the model's descriptor: depth and inverse depth are confused",
                  .wrong_scale = "correct the unit of depth"},
     .preparation_failure = DepthKind::PreparationFailure{
         .code = ErrorCode::depth_model_refused,

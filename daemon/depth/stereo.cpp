@@ -86,7 +86,8 @@ Result<std::unique_ptr<DepthEstimator>> StereoDepthConfig::make_estimator(const 
 
 Result<RightCamera> right_camera(const Camera& left, const StereoCameraInfo& infos) {
   const auto refuse = [](const std::string& what) {
-    return fail(ErrorCode::bad_camera, "the right CameraInfo " + what + "; calibrate the stereo camera, or give right_camera");
+    return fail(ErrorCode::bad_camera,
+                "the right CameraInfo " + what + "; calibrate the stereo camera, or give right_camera");
   };
   const auto& P = infos.right->P;
   if (!(P[0] > 1 && P[5] > 1 && P[3] < 0)) return refuse("has no baseline in P (P[3] = -fx * baseline)");

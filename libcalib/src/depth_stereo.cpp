@@ -2,9 +2,9 @@
 
 #include <fmt/format.h>
 
-#include <opencv2/calib3d.hpp>
 #include <algorithm>
 #include <cmath>
+#include <opencv2/calib3d.hpp>
 #include <optional>
 
 #include "stereo_rectification.hpp"

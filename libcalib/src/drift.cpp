@@ -253,7 +253,7 @@ double DriftMonitor::detection_limit(int axis) const {
 std::optional<Timestamp> DriftMonitor::onset() const {
   if (verdict() != DriftVerdict::suspect && verdict() != DriftVerdict::drifted) return std::nullopt;
   if (!learned()) return Timestamp::min();
-  const auto earliest = [&](Cusum Charts::* chart, double limit) {
+  const auto earliest = [&](Cusum Charts::*chart, double limit) {
     std::optional<Timestamp> onset;
     const auto consider = [&](const Charts& charts) {
       const Cusum& cusum = charts.*chart;

@@ -8,10 +8,10 @@ namespace calib {
 
 RigidTransform perturbation(const Vector6& delta) {
   RigidTransform motion = RigidTransform::Identity();
-  motion.linear() = (Eigen::AngleAxisd(delta[0], Eigen::Vector3d::UnitX()) *
-                     Eigen::AngleAxisd(delta[1], Eigen::Vector3d::UnitY()) *
-                     Eigen::AngleAxisd(delta[2], Eigen::Vector3d::UnitZ()))
-                        .toRotationMatrix();
+  motion.linear() =
+      (Eigen::AngleAxisd(delta[0], Eigen::Vector3d::UnitX()) * Eigen::AngleAxisd(delta[1], Eigen::Vector3d::UnitY()) *
+       Eigen::AngleAxisd(delta[2], Eigen::Vector3d::UnitZ()))
+          .toRotationMatrix();
   motion.translation() = delta.tail<3>();
   return motion;
 }
@@ -23,8 +23,9 @@ RigidTransform perturbation_about(const Vector6& delta, const Eigen::Vector3d& p
 }
 
 Vector6 perturbation_parameters(const RigidTransform& motion) {
-  // R = Rx Ry Rz: R(0,2) = sin(pitch). Yaw is taken from Rx^-1 R, whose middle row is (sin(yaw), cos(yaw), 0): so roll and
-  // yaw stay consistent with each other where the pitch is a right angle and only their sum or difference is defined.
+  // R = Rx Ry Rz: R(0,2) = sin(pitch). Yaw is taken from Rx^-1 R, whose middle row is (sin(yaw), cos(yaw), 0): so roll
+  // and yaw stay consistent with each other where the pitch is a right angle and only their sum or difference is
+  // defined.
   const Eigen::Matrix3d R = motion.linear();
   Vector6 delta;
   delta[0] = std::atan2(-R(1, 2), R(2, 2));

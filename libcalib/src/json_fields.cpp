@@ -14,8 +14,8 @@ void append_number(double value, std::string& out) {
   }
   std::array<char, 64> text;
   const auto write = [&](std::chars_format format) {
-    return std::string_view(
-        text.data(), std::to_chars(text.data(), text.data() + text.size(), value, format).ptr - text.data());
+    return std::string_view(text.data(),
+                            std::to_chars(text.data(), text.data() + text.size(), value, format).ptr - text.data());
   };
   const std::string_view scientific = write(std::chars_format::scientific);
   int exponent = 0;

@@ -34,9 +34,7 @@ struct Secret {
   explicit Secret(std::size_t size) : bytes(size) {}
   Secret(Secret&&) = default;
   ~Secret() { sodium_memzero(bytes.data(), bytes.size()); }
-  [[nodiscard]] std::string_view text() const {
-    return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
-  }
+  [[nodiscard]] std::string_view text() const { return {reinterpret_cast<const char*>(bytes.data()), bytes.size()}; }
 };
 
 struct FileDescriptor {
@@ -52,9 +50,7 @@ void require_sodium() {
   if (!ready) std::abort();
 }
 
-const unsigned char* as_bytes(std::string_view text) {
-  return reinterpret_cast<const unsigned char*>(text.data());
-}
+const unsigned char* as_bytes(std::string_view text) { return reinterpret_cast<const unsigned char*>(text.data()); }
 
 std::string to_base64(const std::uint8_t* bytes, std::size_t size) {
   std::string text(sodium_base64_ENCODED_LEN(size, sodium_base64_VARIANT_ORIGINAL), '\0');
@@ -180,15 +176,14 @@ Result<void> SigningKey::save(const std::filesystem::path& file) const {
   std::string secret_text = to_base64(raw.bytes.data(), raw.bytes.size());
   std::string secret_file;
   secret_file.reserve(512);  // growing would leave copies of the key behind
-  secret_file.append(untrusted_prefix).append("calibd signing key, keep it secret\n").append(secret_text) +=
-      '\n';
+  secret_file.append(untrusted_prefix).append("calibd signing key, keep it secret\n").append(secret_text) += '\n';
 
   const PublicKey half = public_key();
   std::array<std::uint8_t, public_key_bytes> public_raw;
   const auto after_algorithm = std::copy(key_algorithm.begin(), key_algorithm.end(), public_raw.begin());
   std::copy(half.key.begin(), half.key.end(), std::copy(half.id.begin(), half.id.end(), after_algorithm));
-  const std::string public_file = std::string(untrusted_prefix) + "minisign public key " + half.id_text() +
-                                  '\n' + to_base64(public_raw.data(), public_raw.size()) + '\n';
+  const std::string public_file = std::string(untrusted_prefix) + "minisign public key " + half.id_text() + '\n' +
+                                  to_base64(public_raw.data(), public_raw.size()) + '\n';
 
   std::filesystem::path public_path = file;
   public_path.replace_extension(".pub");
@@ -214,8 +209,7 @@ std::string SigningKey::sign(std::string_view bytes, std::string_view trusted_co
   std::array<std::uint8_t, crypto_generichash_BYTES_MAX> hash;
   crypto_generichash(hash.data(), hash.size(), as_bytes(bytes), bytes.size(), nullptr, 0);
   std::array<std::uint8_t, signature_bytes> block;
-  const auto after_algorithm =
-      std::copy(signature_algorithm.begin(), signature_algorithm.end(), block.begin());
+  const auto after_algorithm = std::copy(signature_algorithm.begin(), signature_algorithm.end(), block.begin());
   std::uint8_t* const signature = &*std::copy(id_.begin(), id_.end(), after_algorithm);
   crypto_sign_detached(signature, nullptr, hash.data(), hash.size(), secret_.data());
 
@@ -287,8 +281,7 @@ Result<void> verify_signature(std::string_view bytes, std::string_view signature
   std::array<std::uint8_t, signature_bytes> block;
   std::array<std::uint8_t, crypto_sign_BYTES> global;
   if (lines.size() != 4 || !lines[0].starts_with(untrusted_prefix) || !lines[2].starts_with(trusted_prefix) ||
-      !from_base64(lines[1], block.data(), block.size()) ||
-      !from_base64(lines[3], global.data(), global.size()) ||
+      !from_base64(lines[1], block.data(), block.size()) || !from_base64(lines[3], global.data(), global.size()) ||
       !std::equal(signature_algorithm.begin(), signature_algorithm.end(), block.begin()))
     return fail(ErrorCode::bad_signature, "the signature is not a minisign signature file of a hashed (ED) signature");
 

@@ -34,8 +34,7 @@ Error store_error(sqlite3* database) {
 }
 
 Result<void> run(sqlite3* database, const char* sql) {
-  if (sqlite3_exec(database, sql, nullptr, nullptr, nullptr) != SQLITE_OK)
-    return tl::unexpected(store_error(database));
+  if (sqlite3_exec(database, sql, nullptr, nullptr, nullptr) != SQLITE_OK) return tl::unexpected(store_error(database));
   return {};
 }
 
@@ -55,8 +54,7 @@ class Statement {
   }
   Statement& bind(std::string_view text) {
     // A null pointer would bind NULL; an empty text is text.
-    sqlite3_bind_text64(statement_, ++bound_, text.data() ? text.data() : "", text.size(), SQLITE_STATIC,
-                        SQLITE_UTF8);
+    sqlite3_bind_text64(statement_, ++bound_, text.data() ? text.data() : "", text.size(), SQLITE_STATIC, SQLITE_UTF8);
     return *this;
   }
   /// True when there is a row to read.
@@ -75,8 +73,7 @@ class Statement {
   }
   [[nodiscard]] std::string text(int column) const {
     const auto* const bytes = reinterpret_cast<const char*>(sqlite3_column_text(statement_, column));
-    return bytes ? std::string(bytes, static_cast<std::size_t>(sqlite3_column_bytes(statement_, column)))
-                 : "";
+    return bytes ? std::string(bytes, static_cast<std::size_t>(sqlite3_column_bytes(statement_, column))) : "";
   }
 
  private:
@@ -95,8 +92,7 @@ Result<std::uint64_t> single_number(sqlite3* database, const char* sql) {
 
 Result<void> prepare_for_writing(sqlite3* database) {
   // FULL: in WAL mode, NORMAL may lose the last commits when the power fails.
-  if (const auto set = run(database, "PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL"); !set)
-    return set;
+  if (const auto set = run(database, "PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL"); !set) return set;
   // A reader without write permission cannot make the log files anew, so they outlive the writer; but empty,
   // or they would be taken for the log of another file that is put in this one's place while nobody writes.
   if (const auto set = run(database, "PRAGMA journal_size_limit = 0"); !set) return set;
@@ -186,8 +182,7 @@ Result<Store> Store::open(const std::filesystem::path& file, Mode mode) {
   if (mode == Mode::read_write)
     if (auto kept = keep_for_owner(file); !kept) return propagate(kept);
   sqlite3* opened = nullptr;
-  const int access =
-      mode == Mode::read_only ? SQLITE_OPEN_READONLY : SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE;
+  const int access = mode == Mode::read_only ? SQLITE_OPEN_READONLY : SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE;
   const int code = sqlite3_open_v2(file.c_str(), &opened, access, nullptr);
   Store store;
   store.database_.reset(opened);
@@ -308,9 +303,7 @@ Result<std::vector<Store::Alert>> Store::latest_alerts(std::size_t limit) const 
   return alerts_of(query.bind(std::uint64_t{limit}));
 }
 
-Result<std::uint64_t> Store::waiting_alert_count() const {
-  return single_number(database_.get(), count_waiting);
-}
+Result<std::uint64_t> Store::waiting_alert_count() const { return single_number(database_.get(), count_waiting); }
 
 Result<void> Store::alerts_delivered(std::uint64_t sequence) {
   Statement erase(database_.get(), "DELETE FROM outbox WHERE sequence <= ?");

@@ -21,8 +21,8 @@ std::string seconds_text(WallTime time) {
   const auto day = std::chrono::floor<days>(time);
   const std::chrono::year_month_day date{std::chrono::sys_days{day}};
   const std::chrono::hh_mm_ss clock{std::chrono::floor<std::chrono::seconds>(time - day)};
-  return padded(static_cast<int>(date.year()), 4) + '-' + padded(static_cast<unsigned>(date.month()), 2) +
-         '-' + padded(static_cast<unsigned>(date.day()), 2) + 'T' + padded(clock.hours().count(), 2) + ':' +
+  return padded(static_cast<int>(date.year()), 4) + '-' + padded(static_cast<unsigned>(date.month()), 2) + '-' +
+         padded(static_cast<unsigned>(date.day()), 2) + 'T' + padded(clock.hours().count(), 2) + ':' +
          padded(clock.minutes().count(), 2) + ':' + padded(clock.seconds().count(), 2);
 }
 
@@ -53,9 +53,7 @@ Result<WallTime> parse_rfc3339(std::string_view text) {
   if (text.size() <= shape.size() || text.size() > shape.size() + 11 || text.back() != 'Z') return bad();
   for (std::size_t i = 0; i < shape.size(); ++i)
     if (shape[i] != 'd' && text[i] != shape[i]) return bad();
-  const auto field = [&](std::size_t at, std::size_t length) {
-    return digits_value(text.substr(at, length));
-  };
+  const auto field = [&](std::size_t at, std::size_t length) { return digits_value(text.substr(at, length)); };
 
   std::string fraction(text.substr(shape.size(), text.size() - shape.size() - 1));
   if (!fraction.empty() && (fraction.front() != '.' || fraction.size() < 2)) return bad();
@@ -68,10 +66,9 @@ Result<WallTime> parse_rfc3339(std::string_view text) {
     if (value < 0) return bad();
   const std::chrono::year_month_day date{std::chrono::year(part[0]), std::chrono::month(part[1]),
                                          std::chrono::day(part[2])};
-  if (!date.ok() || part[0] < 1678 || part[0] > 2261 || part[3] > 23 || part[4] > 59 || part[5] > 59)
-    return bad();
-  return std::chrono::sys_days(date).time_since_epoch() + std::chrono::hours(part[3]) +
-         std::chrono::minutes(part[4]) + std::chrono::seconds(part[5]) + nanoseconds(part[6]);
+  if (!date.ok() || part[0] < 1678 || part[0] > 2261 || part[3] > 23 || part[4] > 59 || part[5] > 59) return bad();
+  return std::chrono::sys_days(date).time_since_epoch() + std::chrono::hours(part[3]) + std::chrono::minutes(part[4]) +
+         std::chrono::seconds(part[5]) + nanoseconds(part[6]);
 }
 
 }  // namespace calib

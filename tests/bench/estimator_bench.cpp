@@ -84,7 +84,8 @@ void search_of_six(benchmark::State& state) {
   const auto all = test::pointers(frames());
   int evaluations = 0;
   for (auto _ : state)
-    evaluations = test::require_ok(search(Frames(all).first(fitted), drive().T_camera_lidar(), Method::standard)).evaluations;
+    evaluations =
+        test::require_ok(search(Frames(all).first(fitted), drive().T_camera_lidar(), Method::standard)).evaluations;
   state.counters["evaluations"] = evaluations;
 }
 
@@ -106,8 +107,7 @@ void recalibration(benchmark::State& state) {
   const auto all = test::pointers(frames());
   const Frames fit = Frames(all).first(fitted), held = Frames(all).last(held_back);
   int evaluations = 0;
-  for (auto _ : state)
-    evaluations = test::require_ok(recalibrate(fit, held, drive().T_camera_lidar(), {})).evaluations;
+  for (auto _ : state) evaluations = test::require_ok(recalibrate(fit, held, drive().T_camera_lidar(), {})).evaluations;
   state.counters["evaluations"] = evaluations;
   std::size_t bytes = 0;
   for (const FeatureSet& frame : frames()) bytes += frame.memory_bytes();

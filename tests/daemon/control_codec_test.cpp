@@ -52,8 +52,7 @@ TEST_CASE("replies have the form of proto/control.md") {
   CHECK(encode_reply(RecordsPage{.stored = 2, .records = {{"{}", "signature"}, {}}}) ==
         json{{"ok", true},
              {"stored", 2},
-             {"records",
-              {{{"canonical", "{}"}, {"signature", "signature"}}, {{"canonical", ""}, {"signature", ""}}}}});
+             {"records", {{{"canonical", "{}"}, {"signature", "signature"}}, {{"canonical", ""}, {"signature", ""}}}}});
   const json plain = encode_reply(Answer{.decision = Decision::rolled_back, .reason = "back", .record = 4});
   CHECK(plain == json{{"ok", true}, {"answer", "rolled_back"}, {"reason", "back"}, {"record", 4}});
 
@@ -61,7 +60,8 @@ TEST_CASE("replies have the form of proto/control.md") {
   result.delta = Vector6::Constant(0.01);
   result.score_before = 1;
   result.score_after = 2;
-  const json dry = encode_reply(Answer{.decision = Decision::proposed, .dry_run = true, .reason = "good", .result = result});
+  const json dry =
+      encode_reply(Answer{.decision = Decision::proposed, .dry_run = true, .reason = "good", .result = result});
   CHECK(dry["answer"] == "dry_run");
   CHECK(dry["would"] == "accepted");
   CHECK(dry["record"].is_null());

@@ -98,8 +98,8 @@ TEST_CASE("a request is answered once, in one line, by whatever thread") {
 
 TEST_CASE("what is no request is refused and reaches nobody") {
   const EchoDaemon daemon;
-  for (const char* text : {"\n", "[]\n", "{}\n", "{\"schema\":2,\"request\":\"status\"}\n", "{\"schema\":1,\"request\":7}\n",
-                           "{\"schema\":1\n", "\"status\"\n"}) {
+  for (const char* text : {"\n", "[]\n", "{}\n", "{\"schema\":2,\"request\":\"status\"}\n",
+                           "{\"schema\":1,\"request\":7}\n", "{\"schema\":1\n", "\"status\"\n"}) {
     const Client client(daemon.path());
     client.say(text);
     CHECK(json::parse(client.hear())["code"] == "bad_request");

@@ -86,8 +86,7 @@ namespace {
 /// The same six points with every field of type `datatype` where it may have one, starting `shift` bytes into
 /// a point.
 template <typename Coordinate, typename Intensity>
-CloudMessage laid_out(std::uint8_t coordinate_type, std::uint8_t intensity_type, std::uint32_t shift,
-                      bool big_endian) {
+CloudMessage laid_out(std::uint8_t coordinate_type, std::uint8_t intensity_type, std::uint32_t shift, bool big_endian) {
   CloudMessage message;
   constexpr std::uint32_t c = sizeof(Coordinate), n = sizeof(Intensity);
   message.fields = {{"x", shift, coordinate_type},

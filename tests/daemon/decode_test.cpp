@@ -248,9 +248,8 @@ class Corruption {
   explicit Corruption(std::uint32_t seed) : random_(seed) {}
   int below(int limit) { return std::uniform_int_distribution(0, limit - 1)(random_); }
   std::uint32_t number() {
-    constexpr std::uint32_t edges[] = {0,       1,          2,          3,          5,         15,
-                                       16,      17,         47,         4096,       4097,      0xFFFF,
-                                       0x10000, 0x7FFFFFFF, 0x80000000, 0xFFFFFFF0, 0xFFFFFFFF};
+    constexpr std::uint32_t edges[] = {0,    1,    2,      3,       5,          15,         16,         17,        47,
+                                       4096, 4097, 0xFFFF, 0x10000, 0x7FFFFFFF, 0x80000000, 0xFFFFFFF0, 0xFFFFFFFF};
     return below(4) == 0 ? static_cast<std::uint32_t>(random_()) : edges[below(std::size(edges))];
   }
   double real() {
@@ -316,8 +315,7 @@ void check_outcome(const Result<Value>& result, const std::function<bool(const V
 
 TEST_CASE("a message corrupted at random is a sound value or a listed refusal") {
   const std::function sound_image = [](const Image& image) {
-    return image.width > 0 && image.height > 0 &&
-           image.pixels.size() == std::size_t(image.width) * image.height;
+    return image.width > 0 && image.height > 0 && image.pixels.size() == std::size_t(image.width) * image.height;
   };
   const std::function sound_scan = [](const DecodedCloud& scan) {
     return std::ranges::all_of(scan.points, [](const LidarPoint& p) {
@@ -338,11 +336,10 @@ TEST_CASE("a message corrupted at random is a sound value or a listed refusal") 
     CompressedImageMessage compressed;
     compressed.data = jpeg;
     for (int changes = 1 + corruption.below(3); changes > 0; --changes) {
-      std::uint32_t* const numbers[] = {&image.width,      &image.height,   &image.step,
-                                        &image.nanosec,    &cloud.width,    &cloud.height,
-                                        &cloud.point_step, &cloud.row_step, &cloud.nanosec,
-                                        &info.width,       &info.height,    &compressed.nanosec,
-                                        &info.binning_x,   &info.roi_x,     &info.roi_height};
+      std::uint32_t* const numbers[] = {&image.width,    &image.height, &image.step,       &image.nanosec,
+                                        &cloud.width,    &cloud.height, &cloud.point_step, &cloud.row_step,
+                                        &cloud.nanosec,  &info.width,   &info.height,      &compressed.nanosec,
+                                        &info.binning_x, &info.roi_x,   &info.roi_height};
       *numbers[corruption.below(std::size(numbers))] = corruption.number();
       CloudField& field = cloud.fields[corruption.below(4)];
       switch (corruption.below(5)) {

@@ -17,7 +17,8 @@ namespace {
 
 const std::string image_type_name = "sensor_msgs/msg/Image", cloud_type_name = "sensor_msgs/msg/PointCloud2";
 
-TopicObservation topic(const std::string& check, const std::string& key, const std::string& name, const std::string& type) {
+TopicObservation topic(const std::string& check, const std::string& key, const std::string& name,
+                       const std::string& type) {
   TopicObservation seen{.check = check, .key = key, .topic = name, .type = type};
   seen.messages = 20;
   seen.age = 30ms;
@@ -27,7 +28,7 @@ TopicObservation topic(const std::string& check, const std::string& key, const s
 /// A stereo pair with which all is well.
 PairObservation healthy() {
   PairObservation seen{.camera = require_ok(Camera::make(CameraModel::rectified, 640, 192, {370, 370, 320, 90})),
-                .depth_kind = StereoDepthConfig::kind};
+                       .depth_kind = StereoDepthConfig::kind};
   seen.pair = "front";
   seen.interface = "lo";
   seen.listened = 2s;
@@ -317,8 +318,9 @@ TEST_CASE("names from outside are bounded, and escaped in JSON") {
   silence(seen, "cloud");
   seen.writers.push_back({"dds:" + std::string(5000, 'x') + "\x1b[31m", cloud_type_name, true, ""});
   seen.writers.push_back({"/points", "\x1b[31mtype", true, ""});
-  const auto reply = encode_reply(DiagnosisReport{
-      .checks = {{"front", finding(seen, "cloud")}, {"front", finding(seen, "image")}}, .overlays = {{"front", "/a.png"}}});
+  const auto reply =
+      encode_reply(DiagnosisReport{.checks = {{"front", finding(seen, "cloud")}, {"front", finding(seen, "image")}},
+                                   .overlays = {{"front", "/a.png"}}});
   const auto& json = reply["checks"][0];
   CHECK(json["code"] == "wrong_type");
   CHECK(json["check"] == "cloud");

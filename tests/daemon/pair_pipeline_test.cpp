@@ -44,8 +44,7 @@ struct Drive {
   }
 
   vehicle::Vehicle vehicle;
-  std::unique_ptr<DepthEstimator> depth =
-      test::require_ok(make_stereo_depth(vehicle.camera, vehicle.baseline_m));
+  std::unique_ptr<DepthEstimator> depth = test::require_ok(make_stereo_depth(vehicle.camera, vehicle.baseline_m));
 };
 
 Vector6 yaw(double degrees) { return Vector6::Unit(2) * degrees * radians_per_degree; }
@@ -113,9 +112,7 @@ TEST_CASE("a pair that carries no information is refused by name, and nothing is
   test::PairLoop loop = drive.loop();
   const FramePair good = drive.pair(0);
   REQUIRE(drive.evaluate(loop, good));
-  const auto refusal = [&](const FramePair& pair) {
-    return code(drive.evaluate(loop, pair));
-  };
+  const auto refusal = [&](const FramePair& pair) { return code(drive.evaluate(loop, pair)); };
   const auto damaged = [&](auto damage) {
     FramePair pair = drive.pair(1);
     damage(pair);
@@ -126,8 +123,9 @@ TEST_CASE("a pair that carries no information is refused by name, and nothing is
   CHECK(damaged([](FramePair& pair) { pair.image.pixels.assign(pair.image.pixels.size(), 255); }) == "saturated");
   CHECK(damaged([](FramePair& pair) { pair.image = {}; }) == "image_size_mismatch");
   CHECK(damaged([](FramePair& pair) { pair.scan.points.clear(); }) == "low_overlap");
-  CHECK(damaged([](FramePair& pair) { for (LidarPoint& p : pair.scan.points) p.x_m = -std::abs(p.x_m) - 5; }) ==
-        "low_overlap");
+  CHECK(damaged([](FramePair& pair) {
+          for (LidarPoint& p : pair.scan.points) p.x_m = -std::abs(p.x_m) - 5;
+        }) == "low_overlap");
   CHECK(damaged([](FramePair& pair) { pair.right_image.reset(); }) == "depth_failed");
   CHECK(damaged([](FramePair& pair) { pair.right_image->pixels.assign(pair.right_image->pixels.size(), 90); }) ==
         "few_valid_depth");

@@ -142,7 +142,7 @@ TEST_CASE("numbers that no monitor can have are refused: what is saved must not 
   CHECK(code("/refusals", -1) == "malformed_state");
   CHECK(code("/verdict", "fine") == "malformed_state");
   CHECK(code("/cause", "stale") == "malformed_state");  // of a verdict
-  CHECK(code("/cause", "no such word") == "");         // of a later calibd: the verdict has none
+  CHECK(code("/cause", "no such word") == "");          // of a later calibd: the verdict has none
   CHECK(code("/schema", 1) == "malformed_state");
   // Drifted while still learning, by no evidence at all.
   nlohmann::json hollow = whole;

@@ -75,7 +75,8 @@ TEST_CASE("a change waits for the end of the pair that is measured, and status a
 
   Reply rolled_back, status, records;
   const Peer root{.may_change = true};
-  service.ask({RollbackRequest{.pair = "front", .to = 1}, root, [&](ControlReply reply) { rolled_back.set(std::move(reply)); }});
+  service.ask({RollbackRequest{.pair = "front", .to = 1}, root,
+               [&](ControlReply reply) { rolled_back.set(std::move(reply)); }});
   service.ask({StatusRequest{}, {}, [&](ControlReply reply) { status.set(std::move(reply)); }});
   service.ask({RecordsRequest{1}, {}, [&](ControlReply reply) { records.set(std::move(reply)); }});
   CHECK_FALSE(rolled_back.wait(300ms));
@@ -104,7 +105,8 @@ TEST_CASE("who may not change anything is refused, and so is one request too man
   REQUIRE(depth.reached());
   Reply stranger, unknown, last;
   service.ask({AcceptRequest{"front"}, {}, [&](ControlReply reply) { stranger.set(std::move(reply)); }});
-  service.ask({AcceptRequest{"rear"}, {.may_change = true}, [&](ControlReply reply) { unknown.set(std::move(reply)); }});
+  service.ask(
+      {AcceptRequest{"rear"}, {.may_change = true}, [&](ControlReply reply) { unknown.set(std::move(reply)); }});
   for (std::size_t i = 2; i < Service::most_requests; ++i)
     service.ask({AcceptRequest{"front"}, {}, [](const ControlReply&) {}});
   service.ask({AcceptRequest{"front"}, {}, [&](ControlReply reply) { last.set(std::move(reply)); }});

@@ -17,7 +17,7 @@ const PairTopics stereo{.image = "/left/image", .right_image = "/right/image", .
 /// A probe of a stereo pair whose topics all have a publisher.
 struct Probed {
   PairObservation seen{.camera = require_ok(Camera::make(CameraModel::rectified, 16, 16, {10, 10, 8, 8})),
-                .depth_kind = StereoDepthConfig::kind};
+                       .depth_kind = StereoDepthConfig::kind};
   TopicProbe probe;
 
   Probed() : probe(seen, PairBuffer(50ms, {.right_image = true})) {

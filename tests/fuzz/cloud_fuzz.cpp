@@ -11,8 +11,7 @@ std::vector<Octets> seeds() {
   Output out;
   out.put(good.nanosec).put(good.width).put(good.height).put(good.point_step).put(good.row_step);
   out.put(good.is_bigendian).put(static_cast<std::uint8_t>(good.fields.size()));
-  for (const auto& field : good.fields)
-    out.put_text(field.name).put(field.offset).put(field.datatype).put(field.count);
+  for (const auto& field : good.fields) out.put_text(field.name).put(field.offset).put(field.datatype).put(field.count);
   return {out.with(good.data)};
 }
 
@@ -41,7 +40,6 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
     return 0;
   }
   for (const calib::LidarPoint& point : scan->points)
-    calib::fuzz::require(std::hypot(point.x_m, point.y_m, point.z_m) < 500.001F &&
-                         std::isfinite(point.reflectance));
+    calib::fuzz::require(std::hypot(point.x_m, point.y_m, point.z_m) < 500.001F && std::isfinite(point.reflectance));
   return 0;
 }

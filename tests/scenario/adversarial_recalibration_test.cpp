@@ -98,21 +98,22 @@ struct World {
 struct Recorded {
   Recorded(const std::filesystem::path& drive, const std::string& source, double bias)
       : recording_frames(test::require_ok(eval::RecordingFrames::read({.dataset = "kitti-raw",
-                                                      .root = drive,
-                                                      .drive = {},
-                                                      .camera = {},
-                                                      .depth = {},
-                                                      .depth_dir = drive / "depth" / source,
-                                                      .depth_kind = "disparity",
-                                                      .depth_scale = {},
-                                                      .depth_bias = bias,
-                                                      .frames = 20}))) {}
+                                                                       .root = drive,
+                                                                       .drive = {},
+                                                                       .camera = {},
+                                                                       .depth = {},
+                                                                       .depth_dir = drive / "depth" / source,
+                                                                       .depth_kind = "disparity",
+                                                                       .depth_scale = {},
+                                                                       .depth_bias = bias,
+                                                                       .frames = 20}))) {}
   [[nodiscard]] std::vector<FeatureSet> features(const RigidTransform& motion) const {
     std::vector<FeatureSet> made;
     for (const auto& frame : recording_frames.frames) {
       FramePair pair = frame.pair;
       vehicle::move_lidar(pair.scan, motion);
-      made.push_back(test::require_ok(make_features(pair, frame.depth, recording_frames.camera, recording_frames.T_camera_lidar)));
+      made.push_back(
+          test::require_ok(make_features(pair, frame.depth, recording_frames.camera, recording_frames.T_camera_lidar)));
     }
     return made;
   }
@@ -129,7 +130,8 @@ struct Recorded {
   [[nodiscard]] double angle_off(const RigidTransform& T_camera_lidar, const RigidTransform& motion) const {
     LidarScan scan = recording_frames.frames.front().pair.scan;
     vehicle::move_lidar(scan, motion);
-    return test::mean_angle_off(T_camera_lidar, recording_frames.T_camera_lidar * motion, scan, recording_frames.camera);
+    return test::mean_angle_off(T_camera_lidar, recording_frames.T_camera_lidar * motion, scan,
+                                recording_frames.camera);
   }
   eval::RecordingFrames recording_frames;
 };

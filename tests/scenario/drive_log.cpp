@@ -1,5 +1,5 @@
-// Prints all that calibd decides on a drive: verdicts, scores to the last bit, records, alerts and journal. Two builds that
-// print the same decide the same:
+// Prints all that calibd decides on a drive: verdicts, scores to the last bit, records, alerts and journal. Two builds
+// that print the same decide the same:
 //   drive_log >A; drive_log DATE/DRIVE >B    the simulated block, or a recorded drive (KITTI raw)
 #include <cinttypes>
 #include <cstdio>
@@ -23,7 +23,8 @@ class Log {
     const Store store = require_ok(Store::open(folder.path() / "calibd.db", Store::Mode::read_only));
     for (std::uint64_t i = 1; i <= require_ok(store.record_count()); ++i)
       std::printf("record %s\n", require_ok(store.record(i)).canonical.c_str());
-    for (const Store::Alert& alert : require_ok(store.latest_alerts(1000))) std::printf("alert %s\n", alert.json.c_str());
+    for (const Store::Alert& alert : require_ok(store.latest_alerts(1000)))
+      std::printf("alert %s\n", alert.json.c_str());
   }
 
   void drive(int windows, const World& world = {}) {
@@ -36,12 +37,15 @@ class Log {
   void print() {
     const PairStatus status = scenario_.status();
     std::printf("%" PRIu64 " %s %s\n", status.evaluated, to_string(status.verdict).data(), status.reason.c_str());
-    if (status.score) std::printf("  score %a %a %a\n", status.score->current, status.score->best_neighbour,
-                                  status.score->baseline.value_or(-1));
+    if (status.score)
+      std::printf("  score %a %a %a\n", status.score->current, status.score->best_neighbour,
+                  status.score->baseline.value_or(-1));
     if (status.misalignment)
-      for (int i = 0; i < 6; ++i) std::printf("  %a +- %a\n", status.misalignment->delta[i], status.misalignment->sigma[i]);
+      for (int i = 0; i < 6; ++i)
+        std::printf("  %a +- %a\n", status.misalignment->delta[i], status.misalignment->sigma[i]);
     for (const auto& [code, count] : status.skipped) std::printf("  %s %" PRIu64 "\n", code.c_str(), count);
-    for (; told_ < scenario_.journal().size(); ++told_) std::printf("  journal %s\n", scenario_.journal()[told_].c_str());
+    for (; told_ < scenario_.journal().size(); ++told_)
+      std::printf("  journal %s\n", scenario_.journal()[told_].c_str());
   }
 
  private:

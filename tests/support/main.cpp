@@ -35,7 +35,8 @@ void calib::test::skip(const std::string& reason) {
 int main(int argc, char** argv) {
   const int failed = Catch::Session().run(argc, argv);
   // A test names the files whose cases it runs: without any, a file has been renamed.
-  if (failed == 0 && cases_run == 0 && argc > 1 && std::string_view(argv[1]) == "--filenames-as-tags") return exit_no_case;
+  if (failed == 0 && cases_run == 0 && argc > 1 && std::string_view(argv[1]) == "--filenames-as-tags")
+    return exit_no_case;
   if (failed == 0 && cases_run > 0 && cases_skipped == cases_run) return exit_skipped;
   return failed;
 }

@@ -185,13 +185,13 @@ void PairScenario::open() {
   auto ledger = require_ok(Ledger::open(folder_.path(), folder_.path(),
                                         require_ok(SigningKey::load(folder_.path() / "signing.key")), provenance));
   const std::size_t before = alerts_.size();
-  service_ = require_ok(Service::make(
-      config_, std::move(ledger), std::make_unique<Sensors>(*this),
-      {.clock = [this] { return now_; },
-       .log = [this](int, std::string_view, std::string_view text) { journal_.emplace_back(text); },
-       .make_depth = [this](const PairConfig&) -> Result<std::unique_ptr<DepthEstimator>> {
-         return std::make_unique<StereoCamera>(world_);
-       }}));
+  service_ = require_ok(
+      Service::make(config_, std::move(ledger), std::make_unique<Sensors>(*this),
+                    {.clock = [this] { return now_; },
+                     .log = [this](int, std::string_view, std::string_view text) { journal_.emplace_back(text); },
+                     .make_depth = [this](const PairConfig&) -> Result<std::unique_ptr<DepthEstimator>> {
+                       return std::make_unique<StereoCamera>(world_);
+                     }}));
   // Those that were sent before are sent again.
   const auto sent = std::min(before, alerts_.size() - before);
   alerts_.erase(alerts_.begin() + static_cast<std::ptrdiff_t>(before),

@@ -45,8 +45,8 @@ struct World {
 [[nodiscard]] Vector6 moved(double roll_deg, double pitch_deg, double yaw_deg, double x_cm = 0, double y_cm = 0,
                             double z_cm = 0);
 
-/// calibd's own service with one pair of sensors, in this process: the simulated vehicle's samples instead of DDS, a clock of
-/// its own, a pair every ten seconds of it, and a real store in a temporary folder.
+/// calibd's own service with one pair of sensors, in this process: the simulated vehicle's samples instead of DDS, a
+/// clock of its own, a pair every ten seconds of it, and a real store in a temporary folder.
 class PairScenario {
  public:
   struct Settings {

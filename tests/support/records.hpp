@@ -13,7 +13,7 @@ namespace calib::test {
 /// Text with everything in it that JSON, minisign or a terminal could stumble over; always UTF-8.
 inline std::string random_text(std::mt19937& random) {
   static const std::vector<std::string> pieces{"front", " ",  "\"", "\\", "\n", "\t", "\x01", "\x1b[31m", "\x7f",
-                                               "/",     "\r", "ä",  "路", "🚗",  "0",  ",",    "}",        ""};
+                                               "/",     "\r", "ä",  "路", "🚗", "0",  ",",    "}",        ""};
   std::string text;
   for (int i = static_cast<int>(random() % 6); i > 0; --i) text += pieces[random() % pieces.size()];
   return text;

@@ -37,8 +37,8 @@ class SimulatedDrive {
 
   [[nodiscard]] LidarScan scan(int index, const RigidTransform& motion = RigidTransform::Identity()) {
     const double t_s = time_s(index);
-    LidarScan scan = vehicle::scan(scene_, scene_.instances(t_s), lidar_,
-                                   T_world_camera(t_s) * rig_.T_camera_lidar * motion, index);
+    LidarScan scan =
+        vehicle::scan(scene_, scene_.instances(t_s), lidar_, T_world_camera(t_s) * rig_.T_camera_lidar * motion, index);
     scan.stamp = std::chrono::seconds(index);
     return scan;
   }

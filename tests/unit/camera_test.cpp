@@ -44,8 +44,7 @@ const Parameters rational{CameraModel::rational_polynomial,
                           720,
                           {610, 611, 640.5, 366},
                           {0.62, -2.7, 8e-4, -3e-4, 1.6, 0.5, -2.5, 1.5}};
-const Parameters equidistant{
-    CameraModel::equidistant, 1280, 960, {330, 331, 641, 478}, {0.02, -0.006, 0.001, -0.0004}};
+const Parameters equidistant{CameraModel::equidistant, 1280, 960, {330, 331, 641, 478}, {0.02, -0.006, 0.001, -0.0004}};
 const Parameters double_sphere{CameraModel::double_sphere, 1280, 960, {300, 301, 640, 480}, {-0.2, 0.6}};
 const Parameters eucm{CameraModel::eucm, 1280, 960, {380, 379, 640, 480}, {0.63, 1.05}};
 // Typical of the side cameras of KITTI-360: 185 degrees on 1400 x 1400 pixels.

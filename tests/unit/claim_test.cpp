@@ -13,11 +13,7 @@ const Claim calibrated{Verdict::calibrated, "the extrinsic is where it was"};
 const BootTime now{"boot", 100s};
 
 Grounds sound() {
-  return {.pairs = 3,
-          .taken = {"boot", 90s},
-          .lifetime = 22s,
-          .evidence_sha256 = "e",
-          .not_written = std::nullopt};
+  return {.pairs = 3, .taken = {"boot", 90s}, .lifetime = 22s, .evidence_sha256 = "e", .not_written = std::nullopt};
 }
 
 /// What becomes of a verdict on sound grounds of which one thing is changed.
@@ -53,7 +49,8 @@ TEST_CASE("each thing that grounds lack takes every verdict away, and says which
   check([](Grounds& g) { g.pairs = 0; }, "starting: 0 of ");
   check([](Grounds& g) { g.not_written = "disk full"; }, "store_failed: disk full; ");
   check([](Grounds& g) { g.taken.boot_id = "another"; }, "stale: ");
-  check([](Grounds& g) { g.taken.since_boot = 77s; }, "stale: the last evidence is older than the 22 s that it counts for");
+  check([](Grounds& g) { g.taken.since_boot = 77s; },
+        "stale: the last evidence is older than the 22 s that it counts for");
   check([](Grounds& g) { g.taken.since_boot = 101s; }, "stale: ");
   const Claim none = claim(calibrated, std::nullopt, now);
   CHECK(none.verdict == Verdict::not_evaluated);

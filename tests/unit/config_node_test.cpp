@@ -27,7 +27,8 @@ std::string refused_value(const std::string& value, Read read) {
 /// The canonical form of `a: VALUE`.
 std::string canonical(const std::string& value) {
   std::string text;
-  require_ok(parse_config_text("a: " + value, "c.yaml", [&](const ConfigNode& top) { text = top.at("a").canonical(); }));
+  require_ok(
+      parse_config_text("a: " + value, "c.yaml", [&](const ConfigNode& top) { text = top.at("a").canonical(); }));
   return text;
 }
 
@@ -93,8 +94,7 @@ TEST_CASE("a duration has a unit, and is compared in whole nanoseconds") {
   const auto duration = [](const ConfigNode& node) { return node.duration(100ms, 2min); };
   const auto value = [&](const std::string& text) {
     std::chrono::nanoseconds read{};
-    require_ok(parse_config_text("a: " + text, "c.yaml",
-                                 [&](const ConfigNode& top) { read = duration(top.at("a")); }));
+    require_ok(parse_config_text("a: " + text, "c.yaml", [&](const ConfigNode& top) { read = duration(top.at("a")); }));
     return read;
   };
   CHECK(value("500ms") == 500ms);

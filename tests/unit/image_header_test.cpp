@@ -1,7 +1,7 @@
 #include "calib/image_header.hpp"
 
-#include <opencv2/imgcodecs.hpp>
 #include <algorithm>
+#include <opencv2/imgcodecs.hpp>
 #include <string>
 #include <vector>
 

@@ -22,8 +22,7 @@ struct WrittenDrive {
   FramePair pair(int index) const {
     FramePair result;
     result.image = {.width = 32, .height = 16, .pixels = std::vector<std::uint8_t>(32 * 16)};
-    for (std::size_t i = 0; i < result.image.pixels.size(); ++i)
-      result.image.pixels[i] = (7 * i + 50 * index) % 256;
+    for (std::size_t i = 0; i < result.image.pixels.size(); ++i) result.image.pixels[i] = (7 * i + 50 * index) % 256;
     result.right_image = result.image;
     result.right_image->pixels[5] = 200;
     result.scan.points = {{1.5f, -2.f, 0.25f, 0.5f}, {10.f + static_cast<float>(index), 3.f, -1.f, 0.f}};
@@ -36,9 +35,7 @@ struct WrittenDrive {
   fs::path drive = root.path() / "2026_01_01/2026_01_01_drive_0001_sync";
 };
 
-void write_file(const fs::path& path, const std::string& bytes) {
-  std::ofstream(path, std::ios::binary) << bytes;
-}
+void write_file(const fs::path& path, const std::string& bytes) { std::ofstream(path, std::ios::binary) << bytes; }
 
 }  // namespace
 

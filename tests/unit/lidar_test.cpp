@@ -39,20 +39,15 @@ TEST_CASE("the LiDAR sees the same world as the camera") {
     for (const LidarPoint& point : ideal.points) {
       const Eigen::Vector3d p_camera = rig.T_camera_lidar * position(point);
       const auto uv = rig.camera.project(p_camera);
-      if (!uv || uv->x() < 0 || uv->y() < 0 || uv->x() >= image.width - 1 || uv->y() >= image.height - 1)
-        continue;
+      if (!uv || uv->x() < 0 || uv->y() < 0 || uv->x() >= image.width - 1 || uv->y() >= image.height - 1) continue;
       ++visible;
       // On a surface 1/z is linear between pixels; at an edge the point lies on one of the two surfaces.
       const int x = static_cast<int>(uv->x()), y = static_cast<int>(uv->y());
       const double a = uv->x() - x, b = uv->y() - y;
-      const auto inverse = [&](int dx, int dy) {
-        return 1.0 / image.depth_m[(y + dy) * image.width + x + dx];
-      };
-      const auto agrees = [&](double inverse_depth) {
-        return std::abs(inverse_depth * p_camera.z() - 1) < 0.02;
-      };
-      const double between = (1 - b) * ((1 - a) * inverse(0, 0) + a * inverse(1, 0)) +
-                             b * ((1 - a) * inverse(0, 1) + a * inverse(1, 1));
+      const auto inverse = [&](int dx, int dy) { return 1.0 / image.depth_m[(y + dy) * image.width + x + dx]; };
+      const auto agrees = [&](double inverse_depth) { return std::abs(inverse_depth * p_camera.z() - 1) < 0.02; };
+      const double between =
+          (1 - b) * ((1 - a) * inverse(0, 0) + a * inverse(1, 0)) + b * ((1 - a) * inverse(0, 1) + a * inverse(1, 1));
       const double nearest = std::max({inverse(0, 0), inverse(1, 0), inverse(0, 1), inverse(1, 1)});
       in_front += nearest * p_camera.z() < 0.98;
       agree += agrees(between) || agrees(inverse(a > 0.5, b > 0.5));
@@ -65,8 +60,8 @@ TEST_CASE("the LiDAR sees the same world as the camera") {
 
 TEST_CASE("rays leave at the model's elevations and azimuths and end within its range") {
   Scene scene(12);
-  const LidarScan ideal = scan(scene, scene.instances(5), {.ideal = true},
-                               scene.T_world_vehicle(5) * Eigen::Translation3d(0, 0, 1.7), 0);
+  const LidarScan ideal =
+      scan(scene, scene.instances(5), {.ideal = true}, scene.T_world_vehicle(5) * Eigen::Translation3d(0, 0, 1.7), 0);
   REQUIRE(ideal.points.size() > 60'000);
   std::set<int> elevations;
   std::set<std::pair<int, int>> rays;
@@ -116,8 +111,8 @@ TEST_CASE("a narrower field of view is the part ahead of the whole turn") {
   Scene scene(14);
   const auto instances = scene.instances(2);
   const RigidTransform T_world_lidar = scene.T_world_vehicle(2) * Eigen::Translation3d(0, 0, 1.7);
-  const LidarScan ahead = scan(
-      scene, instances, {.azimuth_step_deg = 1, .field_of_view_deg = 90, .ideal = true}, T_world_lidar, 0);
+  const LidarScan ahead =
+      scan(scene, instances, {.azimuth_step_deg = 1, .field_of_view_deg = 90, .ideal = true}, T_world_lidar, 0);
   const LidarScan turn = scan(scene, instances, {.azimuth_step_deg = 1, .ideal = true}, T_world_lidar, 0);
   std::size_t within = 0;
   for (const LidarPoint& point : turn.points) {

@@ -125,9 +125,11 @@ TEST_CASE("the digest of the evidence makes it schema 2, and is required there")
 TEST_CASE("a baseline is a field of its record alone, matrices by rows") {
   const std::string six = "[-0.5,-0.5,-0.5,-0.5,-0.5,-0.5]";
   const std::string text = canonical_bytes(baseline_record());
-  CHECK_THAT(text,
-             ContainsSubstring(R"("asked_by":"calibd","baseline":{"pairs":20,"peak":0.25,"peak_correlation":0.5,"peak_deviation":0.0625,"response":[[8.0,3.0,0.0,0.0,0.0,0.0],)"
-                               R"([0.0,8.0,0.0,0.0,0.0,0.0],)"));
+  CHECK_THAT(
+      text,
+      ContainsSubstring(
+          R"("asked_by":"calibd","baseline":{"pairs":20,"peak":0.25,"peak_correlation":0.5,"peak_deviation":0.0625,"response":[[8.0,3.0,0.0,0.0,0.0,0.0],)"
+          R"([0.0,8.0,0.0,0.0,0.0,0.0],)"));
   CHECK_THAT(text, ContainsSubstring(R"("score":1.25,"score_deviation":0.125,"slope":)" + six +
                                      R"(,"slope_correlation":[0.25,)"));
   CHECK_THAT(text, ContainsSubstring(R"("decision":"baseline")"));

@@ -23,8 +23,7 @@ Stereo render_stereo(Scene& scene, const Rig& rig, double t_s) {
   const auto instances = scene.instances(t_s);
   const RigidTransform T_world_left = scene.T_world_vehicle(t_s) * rig.T_vehicle_camera;
   const RigidTransform T_world_right = T_world_left * Eigen::Translation3d(rig.baseline_m, 0, 0);
-  return {render(scene, instances, rig.camera, T_world_left),
-          render(scene, instances, rig.camera, T_world_right)};
+  return {render(scene, instances, rig.camera, T_world_left), render(scene, instances, rig.camera, T_world_right)};
 }
 
 cv::Mat as_mat(Image& image) { return {image.height, image.width, CV_8UC1, image.pixels.data()}; }
@@ -46,10 +45,8 @@ TEST_CASE("the ground has no holes and the sky is above") {
     const Rendering left = render_stereo(scene, rig, t_s).left;
     // From 6 degrees below the horizon down there is street everywhere.
     const int below = static_cast<int>(rig.camera.cy() + 0.1 * rig.camera.fy()) * left.width;
-    CHECK(std::all_of(left.depth_m.begin() + below, left.depth_m.end(),
-                      [](float depth) { return depth < 60; }));
-    CHECK(std::count_if(left.depth_m.begin(), left.depth_m.end(),
-                        [](float depth) { return std::isinf(depth); }) > 500);
+    CHECK(std::all_of(left.depth_m.begin() + below, left.depth_m.end(), [](float depth) { return depth < 60; }));
+    CHECK(std::count_if(left.depth_m.begin(), left.depth_m.end(), [](float depth) { return std::isinf(depth); }) > 500);
   }
 }
 
@@ -77,9 +74,8 @@ TEST_CASE("a place is at f B / z further left in the right image, and as bright 
         same_brightness += std::abs(brightness - left.brightness[y * left.width + x]) < 0.05;
       }
     REQUIRE(compared > 100'000);
-    CHECK(same_depth >
-          0.88 * compared);            // most of the rest is hidden from the right camera by something nearer
-    CHECK(too_far < 0.02 * compared);  // beside an edge only
+    CHECK(same_depth > 0.88 * compared);  // most of the rest is hidden from the right camera by something nearer
+    CHECK(too_far < 0.02 * compared);     // beside an edge only
     CHECK(same_brightness > 0.95 * same_depth);
   }
 }
@@ -100,8 +96,7 @@ TEST_CASE("semi-global matching finds the rendered depth below the horizon") {
         ++below_horizon;
         const float depth = left.depth_m[y * left.width + x];
         const double found = disparity.at<std::int16_t>(y, x) / 16.0;
-        if (found > 0)
-          relative_errors.push_back(std::abs(rig.camera.fx() * rig.baseline_m / found / depth - 1));
+        if (found > 0) relative_errors.push_back(std::abs(rig.camera.fx() * rig.baseline_m / found / depth - 1));
       }
     CHECK(static_cast<double>(relative_errors.size()) >= 0.6 * below_horizon);
     const auto middle = relative_errors.begin() + static_cast<std::ptrdiff_t>(relative_errors.size() / 2);
@@ -118,8 +113,7 @@ TEST_CASE("the sensor's noise depends on its key and is small") {
   CHECK(first.pixels == again.pixels);
   CHECK(first.pixels != other.pixels);
   double square_sum = 0;
-  for (std::size_t i = 0; i < first.pixels.size(); ++i)
-    square_sum += std::pow(first.pixels[i] - other.pixels[i], 2);
+  for (std::size_t i = 0; i < first.pixels.size(); ++i) square_sum += std::pow(first.pixels[i] - other.pixels[i], 2);
   const double sigma = std::sqrt(square_sum / static_cast<double>(first.pixels.size()) / 2);
   CHECK(sigma > 0.8);
   CHECK(sigma < 2);

@@ -18,18 +18,18 @@ TEST_CASE("control characters are shown as hexadecimal, NUL included") {
 }
 
 TEST_CASE("C1 controls and marks that reorder text are escaped although they are valid UTF-8") {
-  CHECK(escape_control("\xc2\x9b") == "\\xc2\\x9b");          // CSI as one character
+  CHECK(escape_control("\xc2\x9b") == "\\xc2\\x9b");           // CSI as one character
   CHECK(escape_control("\xe2\x80\xae") == "\\xe2\\x80\\xae");  // right-to-left override
   CHECK(escape_control("\xe2\x81\xa6") == "\\xe2\\x81\\xa6");  // left-to-right isolate
   CHECK(escape_control("\xef\xbb\xbf") == "\\xef\\xbb\\xbf");  // byte order mark
 }
 
 TEST_CASE("invalid UTF-8 is escaped byte by byte, and what follows it is kept") {
-  CHECK(escape_control("\xc0\xafz") == "\\xc0\\xafz");                  // overlong
-  CHECK(escape_control("\xe0\x80\xafz") == "\\xe0\\x80\\xafz");          // overlong
-  CHECK(escape_control("\xed\xa0\x80z") == "\\xed\\xa0\\x80z");          // surrogate
+  CHECK(escape_control("\xc0\xafz") == "\\xc0\\xafz");                    // overlong
+  CHECK(escape_control("\xe0\x80\xafz") == "\\xe0\\x80\\xafz");           // overlong
+  CHECK(escape_control("\xed\xa0\x80z") == "\\xed\\xa0\\x80z");           // surrogate
   CHECK(escape_control("\xf4\x90\x80\x80z") == "\\xf4\\x90\\x80\\x80z");  // beyond U+10FFFF
-  CHECK(escape_control("\xe2\x82") == "\\xe2\\x82");                    // cut short
+  CHECK(escape_control("\xe2\x82") == "\\xe2\\x82");                      // cut short
   CHECK(escape_control("\xe2\x82z") == "\\xe2\\x82z");
   CHECK(escape_control("\xffz") == "\\xffz");
 }

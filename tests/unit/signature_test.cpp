@@ -33,8 +33,7 @@ bool succeeds(const std::string& command) { return std::system((command + " >/de
 struct Fixture {
   TemporaryFolder folder;
   std::filesystem::path key_file = folder.path() / "signing.key", public_file = folder.path() / "signing.pub",
-                        message_file = folder.path() / "message",
-                        signature_file = folder.path() / "message.minisig";
+                        message_file = folder.path() / "message", signature_file = folder.path() / "message.minisig";
   std::string message = std::string("zero\0byte, newline\n", 19);
 
   Fixture() { write(message_file, message); }
@@ -66,8 +65,7 @@ TEST_CASE_METHOD(Fixture, "minisign signs with a key that calibd made") {
   require_ok(key.save(key_file));
   REQUIRE(succeeds(minisign("-S -m " + message_file.string())));
   require_ok(verify_signature(message, content_of(signature_file), key.public_key()));
-  CHECK(verify_signature(message + " ", content_of(signature_file), key.public_key()).error().code ==
-        "bad_signature");
+  CHECK(verify_signature(message + " ", content_of(signature_file), key.public_key()).error().code == "bad_signature");
 }
 
 TEST_CASE_METHOD(Fixture, "calibd signs with a key that minisign made") {
@@ -186,8 +184,7 @@ TEST_CASE_METHOD(Fixture, "minisign's older form without a hash is refused") {
   const SigningKey key = SigningKey::generate();
   require_ok(key.save(key_file));
   REQUIRE(succeeds(minisign("-S -l -m " + message_file.string())));
-  CHECK(verify_signature(message, content_of(signature_file), key.public_key()).error().code ==
-        "bad_signature");
+  CHECK(verify_signature(message, content_of(signature_file), key.public_key()).error().code == "bad_signature");
 }
 
 TEST_CASE("empty bytes can be signed") {

@@ -8,7 +8,8 @@ using namespace calib;
 using namespace calib::test;
 using Catch::Matchers::ContainsSubstring;
 
-TEST_CASE_METHOD(StoreFixture, "a store with other tables than its own is refused, and not read: a view may have no end") {
+TEST_CASE_METHOD(StoreFixture,
+                 "a store with other tables than its own is refused, and not read: a view may have no end") {
   { const Store store = open(); }
   tamper(GENERATE(as<const char*>(),
                   "DROP TABLE record; CREATE VIEW record AS WITH RECURSIVE n(sequence) AS (SELECT 1 UNION ALL SELECT "
@@ -39,7 +40,8 @@ TEST_CASE_METHOD(StoreFixture, "what is written to a file that is no longer ther
   CHECK(lost.error().code == "store_moved");
 }
 
-TEST_CASE_METHOD(StoreFixture, "the store is its owner's alone, whoever could read it before, and no FIFO is waited for") {
+TEST_CASE_METHOD(StoreFixture,
+                 "the store is its owner's alone, whoever could read it before, and no FIFO is waited for") {
   { const Store store = open(); }
   for (const char* ending : {"", "-wal", "-shm"}) {
     const std::string one = file.string() + ending;

@@ -214,8 +214,7 @@ TEST_CASE_METHOD(StoreFixture, "a reader without write permission reads with the
   };
   const auto lock = [&](bool locked) {
     chmod(folder.path().c_str(), locked ? 0555 : 0755);
-    for (const char* suffix : {"", "-wal", "-shm"})
-      chmod((file.string() + suffix).c_str(), locked ? 0444 : 0644);
+    for (const char* suffix : {"", "-wal", "-shm"}) chmod((file.string() + suffix).c_str(), locked ? 0444 : 0644);
   };
   {
     Store writer = open();
@@ -231,8 +230,8 @@ TEST_CASE_METHOD(StoreFixture, "a reader without write permission reads with the
   const int killed = in_child([&] {
     Store writer = open();
     const auto more = require_ok(writer.record(3));
-    require_ok(writer.append_record(
-        4, "front", sign_next(random_record(random), std::vector<SignedRecord>(3, more), key)));
+    require_ok(
+        writer.append_record(4, "front", sign_next(random_record(random), std::vector<SignedRecord>(3, more), key)));
     return raise(SIGKILL);
   });
   REQUIRE(killed == -1);
@@ -252,8 +251,8 @@ TEST_CASE_METHOD(StoreFixture, "what had returned is there after kill -9 at any 
       // Everything that belongs together in one transaction; then the promise, through the pipe.
       Store store = open();
       for (std::uint64_t last = require_ok(store.record_count());; ++last) {
-        const std::string previous = last == 0 ? std::string(no_previous_sha256)
-                                               : sha256_hex(require_ok(store.record(last)).canonical);
+        const std::string previous =
+            last == 0 ? std::string(no_previous_sha256) : sha256_hex(require_ok(store.record(last)).canonical);
         CalibrationRecord record = random_record(random);
         record.sequence = last + 1;
         record.previous_sha256 = previous;
@@ -281,8 +280,7 @@ TEST_CASE_METHOD(StoreFixture, "what had returned is there after kill -9 at any 
     REQUIRE(count >= promised);
     REQUIRE(count <= promised + 1);  // at most one was done and not yet promised
     REQUIRE(require_ok(verified_history(store, key.public_key())).size() == count);
-    REQUIRE(require_ok(store.state("front")) ==
-            (count == 0 ? std::nullopt : std::optional(std::to_string(count))));
+    REQUIRE(require_ok(store.state("front")) == (count == 0 ? std::nullopt : std::optional(std::to_string(count))));
     REQUIRE(require_ok(store.waiting_alert_count()) == count);
     REQUIRE(require_ok(store.next_alert_sequence()) == count + 1);
     promised = count;
@@ -293,8 +291,7 @@ TEST_CASE_METHOD(StoreFixture, "what had returned is there after kill -9 at any 
 TEST_CASE_METHOD(StoreFixture, "a file that is no store of ours, or of a newer calibd, is refused") {
   CHECK(Store::open(file, Store::Mode::read_only).error().code == "store_not_found");
   CHECK_FALSE(std::filesystem::exists(file));
-  CHECK(Store::open(folder.path() / "no_folder" / "x", Store::Mode::read_write).error().code ==
-        "store_failed");
+  CHECK(Store::open(folder.path() / "no_folder" / "x", Store::Mode::read_write).error().code == "store_failed");
   { const Store store = open(); }
   tamper("PRAGMA user_version = 2");
   for (const auto mode : {Store::Mode::read_only, Store::Mode::read_write}) {

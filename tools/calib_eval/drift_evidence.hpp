@@ -39,9 +39,9 @@ struct DriftEvidence {
 /// Fewer frames cannot be resampled to any use.
 inline constexpr std::size_t fewest_drift_frames = 8;
 
-/// Evaluates each frame of the recording as a monitor does for which the recording's extrinsic is in force: a LiDAR that
-/// has moved by d is one whose extrinsic in force lies d behind it. `done` is called from any thread after each
-/// of `places_of(plans)` places and each frame. The same at any number of threads. Fails as `make_features` does.
+/// Evaluates each frame of the recording as a monitor does for which the recording's extrinsic is in force: a LiDAR
+/// that has moved by d is one whose extrinsic in force lies d behind it. `done` is called from any thread after each of
+/// `places_of(plans)` places and each frame. The same at any number of threads. Fails as `make_features` does.
 [[nodiscard]] Result<DriftEvidence> measure(const RecordingFrames& recording_frames,
                                             const std::vector<LadderPlan>& plans, const Objective& objective,
                                             int threads, const std::function<void()>& done);

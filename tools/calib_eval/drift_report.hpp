@@ -8,8 +8,8 @@
 
 namespace calib::eval {
 
-/// Detection power of a monitor along an axis once its baseline is complete, median over vehicles: standard deviation of
-/// one pair's offset, and the detection limit. Degrees or cm; nothing where the axis is not observable.
+/// Detection power of a monitor along an axis once its baseline is complete, median over vehicles: standard deviation
+/// of one pair's offset, and the detection limit. Degrees or cm; nothing where the axis is not observable.
 struct AxisPower {
   std::optional<double> sigma_of_pair, detection_limit;
 };

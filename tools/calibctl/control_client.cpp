@@ -36,8 +36,7 @@ Result<FileDescriptor> connect_to(const std::filesystem::path& path) {
     return fail(ErrorCode::bad_socket, path.string() + " is too long for the name of a socket");
   std::memcpy(address.sun_path, path.c_str(), path.native().size());
   FileDescriptor socket(::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0));
-  if (::connect(socket.number, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0)
-    return socket;
+  if (::connect(socket.number, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0) return socket;
   const std::string why = path.string() + ": " + std::strerror(errno);
   if (errno == ENOENT || errno == ECONNREFUSED || errno == ENOTDIR)
     return fail(ErrorCode::daemon_not_running, "calibd does not run: " + why);
@@ -81,8 +80,7 @@ Result<std::string> receive_line(int socket, std::chrono::seconds patience,
 }  // namespace
 
 Result<nlohmann::json> ask(const std::filesystem::path& path, const nlohmann::json& question,
-                           std::chrono::seconds patience,
-                           const std::function<void(std::chrono::seconds)>& waiting) {
+                           std::chrono::seconds patience, const std::function<void(std::chrono::seconds)>& waiting) {
   const auto socket = connect_to(path);
   if (!socket) return propagate(socket);
   if (!send_all(socket->number, question.dump() + '\n'))

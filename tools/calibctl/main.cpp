@@ -78,8 +78,7 @@ CommandLine::CommandLine() {
   app.add_option("--socket", places.socket, "Control socket of calibd; status.json lies beside it")
       ->capture_default_str();
   app.add_option("--state-dir", places.state_dir, "Folder of calibd.db")->capture_default_str();
-  app.add_option("--public-key", places.public_key, "Key that records are verified with")
-      ->capture_default_str();
+  app.add_option("--public-key", places.public_key, "Key that records are verified with")->capture_default_str();
 
   auto* const ask_status =
       subcommand("status", "Show what calibd finds now", [this] { return ctl::status(places, status); });
@@ -90,9 +89,8 @@ CommandLine::CommandLine() {
   add_requests();
   add_doctor();
 
-  auto* const check =
-      subcommand("check-config", "Let calibd read a configuration and say what is wrong with it",
-                 [this] { return check_config(config_file); });
+  auto* const check = subcommand("check-config", "Let calibd read a configuration and say what is wrong with it",
+                                 [this] { return check_config(config_file); });
   check->add_option("FILE", config_file)->required();
   auto* const make_key =
       subcommand("keygen", "Make a signing key and its public key", [this] { return keygen(key_file); });
@@ -108,8 +106,7 @@ void CommandLine::add_doctor() {
 }
 
 void CommandLine::add_records() {
-  auto* const list =
-      subcommand("history", "List the records, each verified", [this] { return history(places, pair); });
+  auto* const list = subcommand("history", "List the records, each verified", [this] { return history(places, pair); });
   list->add_option("PAIR", pair);
   auto* const one = subcommand("show", "Show a verified record, the last one if no number is given",
                                [this] { return ctl::show(places, show); });
@@ -126,14 +123,13 @@ void CommandLine::add_requests() {
                                  [this] { return recalibrate(places, pair, dry_run); });
   again->add_option("PAIR", pair)->required();
   again->add_flag("--dry-run", dry_run, "Decide, and change nothing");
-  auto* const yes = subcommand("accept", "Put a pair's proposed extrinsic in force",
-                               [this] { return accept(places, pair); });
+  auto* const yes =
+      subcommand("accept", "Put a pair's proposed extrinsic in force", [this] { return accept(places, pair); });
   yes->add_option("PAIR", pair)->required();
   auto* const back = subcommand("rollback", "Put an earlier extrinsic of a pair in force again",
                                 [this] { return roll_back(places, pair, roll_back_to); });
   back->add_option("PAIR", pair)->required();
-  back->add_option("--to", roll_back_to,
-                   "Record whose extrinsic it is; the one before the present one if not given")
+  back->add_option("--to", roll_back_to, "Record whose extrinsic it is; the one before the present one if not given")
       ->check(CLI::PositiveNumber);
 }
 

@@ -44,8 +44,8 @@ std::vector<RecordCheck> check_records(const Status& status, const Places& place
     else if (verified)
       checks.push_back(check(pair, *verified));
     else
-      checks.push_back({false, status.running && pair.record->verified,
-                        "not checked by calibctl: " + verified.error().context});
+      checks.push_back(
+          {false, status.running && pair.record->verified, "not checked by calibctl: " + verified.error().context});
   }
   return checks;
 }

@@ -13,8 +13,8 @@ using nlohmann::json;
 constexpr std::chrono::minutes recalibration_patience{10};
 
 std::string score_words(const json& score, const char* before, const char* after) {
-  return decimals(score.at(before).get<double>(), 5) + " before, " +
-         decimals(score.at(after).get<double>(), 5) + " after";
+  return decimals(score.at(before).get<double>(), 5) + " before, " + decimals(score.at(after).get<double>(), 5) +
+         " after";
 }
 
 void result_lines(Text& text, const json& result) {
@@ -73,9 +73,7 @@ Exit recalibrate(const Places& places, const std::string& pair, bool dry_run) {
   return request(places, pair, {{"request", "recalibrate"}, {"dry_run", dry_run}});
 }
 
-Exit accept(const Places& places, const std::string& pair) {
-  return request(places, pair, {{"request", "accept"}});
-}
+Exit accept(const Places& places, const std::string& pair) { return request(places, pair, {{"request", "accept"}}); }
 
 Exit roll_back(const Places& places, const std::string& pair, std::optional<std::uint64_t> to) {
   return request(places, pair, {{"request", "rollback"}, {"to", to ? json(*to) : json()}});

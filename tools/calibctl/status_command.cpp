@@ -95,8 +95,8 @@ Exit exit_of(const Report& report, bool by_verdict) {
         (report.checks[i].checked || report.status.running))
       return Exit::no;
   if (!report.status.running) return Exit::not_found;
-  const bool calibrated = std::ranges::all_of(
-      report.status.pairs, [](const auto& pair) { return pair.verdict == Verdict::calibrated; });
+  const bool calibrated =
+      std::ranges::all_of(report.status.pairs, [](const auto& pair) { return pair.verdict == Verdict::calibrated; });
   return by_verdict && (!calibrated || report.status.pairs.empty()) ? Exit::no : Exit::done;
 }
 
@@ -116,8 +116,7 @@ Exit watch(const Places& places, const StatusOptions& options) {
   const bool redraw = ::isatty(STDOUT_FILENO) == 1 && !options.json;
   while (interrupted == 0) {
     const std::string text = shown(collect(places), options);
-    std::cout << (redraw ? "\x1b[H\x1b[2J" : "") << text << (redraw || options.json ? "" : "\n")
-              << std::flush;
+    std::cout << (redraw ? "\x1b[H\x1b[2J" : "") << text << (redraw || options.json ? "" : "\n") << std::flush;
     if (!std::cout) return Exit::failed;
     ::sleep(1);  // a signal ends it early
   }

@@ -66,7 +66,8 @@ void reason_lines(Text& text, std::string_view reason) {
 
 void record_lines(Text& text, const PairStatus::Record& record, const RecordCheck& check) {
   const Colour colour = check.verified ? Colour::none : Colour::red;
-  const std::string made = std::to_string(record.sequence) + " of " + rfc3339(record.created) + ", key " + record.key_id;
+  const std::string made =
+      std::to_string(record.sequence) + " of " + rfc3339(record.created) + ", key " + record.key_id;
   if (check.checked && check.verified) return text.wrapped("Record", made + ", verified");
   text.wrapped("Record", made, colour);
   if (check.checked)

@@ -8,9 +8,7 @@ using Eigen::Translation3f;
 using Eigen::Vector2f;
 using Eigen::Vector3f;
 
-Surface surface_of(Material material, Random& random) {
-  return {material, static_cast<std::uint32_t>(random.bits())};
-}
+Surface surface_of(Material material, Random& random) { return {material, static_cast<std::uint32_t>(random.bits())}; }
 
 /// A box on the ground, centred on (x, y) of the pose.
 void add_block(Mesh& mesh, const Isometry3f& pose, const Vector2f& centre, const Vector3f& size, float bottom,
@@ -22,17 +20,14 @@ void add_block(Mesh& mesh, const Isometry3f& pose, const Vector2f& centre, const
 
 /// A cabin with glass all round and a painted roof; `low` and `high` are its foot, `inset_x` and `inset_y`
 /// say how much narrower its top is (front and rear; sides).
-void add_cabin(Mesh& mesh, const Isometry3f& pose, const Vector3f& low, const Vector3f& high,
-               const Vector2f& inset_x, float inset_y, Surface paint, Surface glass) {
-  const Vector2f top_low(low.x() + inset_x[1], low.y() + inset_y),
-      top_high(high.x() - inset_x[0], high.y() - inset_y);
+void add_cabin(Mesh& mesh, const Isometry3f& pose, const Vector3f& low, const Vector3f& high, const Vector2f& inset_x,
+               float inset_y, Surface paint, Surface glass) {
+  const Vector2f top_low(low.x() + inset_x[1], low.y() + inset_y), top_high(high.x() - inset_x[0], high.y() - inset_y);
   mesh.add_frustum(pose, low, high, top_low, top_high, glass);
-  mesh.add_box(pose, {top_low.x(), top_low.y(), high.z()}, {top_high.x(), top_high.y(), high.z() + 0.07f},
-               paint);
+  mesh.add_box(pose, {top_low.x(), top_low.y(), high.z()}, {top_high.x(), top_high.y(), high.z() + 0.07f}, paint);
 }
 
-void add_wheels(Mesh& mesh, const Isometry3f& pose, float axle, float half_width, float radius,
-                Random& random) {
+void add_wheels(Mesh& mesh, const Isometry3f& pose, float axle, float half_width, float radius, Random& random) {
   const Surface rubber = surface_of(Material::rubber, random);
   for (const float x : {-axle, axle})
     for (const float side : {-1.f, 1.f}) {
@@ -42,20 +37,17 @@ void add_wheels(Mesh& mesh, const Isometry3f& pose, float axle, float half_width
     }
 }
 
-void add_lights(Mesh& mesh, const Isometry3f& pose, float half_length, float half_width, float height,
-                Random& random) {
+void add_lights(Mesh& mesh, const Isometry3f& pose, float half_length, float half_width, float height, Random& random) {
   const Surface lamp = surface_of(Material::sign, random);
   for (const float end : {-half_length, half_length})
     for (const float side : {-1.f, 1.f})
       add_block(mesh, pose, {end, side * (half_width - 0.25f)}, {0.06f, 0.34f, 0.16f}, height, lamp);
 }
 
-void add_ground_shadow(Mesh& mesh, const Isometry3f& pose, float half_length, float half_width,
-                       Random& random) {
+void add_ground_shadow(Mesh& mesh, const Isometry3f& pose, float half_length, float half_width, Random& random) {
   const float x = half_length + 0.15f, y = half_width + 0.15f;
-  mesh.add_quad(pose * Vector3f(-x, -y, 0.012f), pose * Vector3f(x, -y, 0.012f),
-                pose * Vector3f(x, y, 0.012f), pose * Vector3f(-x, y, 0.012f),
-                surface_of(Material::shadow, random));
+  mesh.add_quad(pose * Vector3f(-x, -y, 0.012f), pose * Vector3f(x, -y, 0.012f), pose * Vector3f(x, y, 0.012f),
+                pose * Vector3f(-x, y, 0.012f), surface_of(Material::shadow, random));
 }
 
 }  // namespace
@@ -94,8 +86,7 @@ void add_traffic_sign(Mesh& mesh, const Isometry3f& pose, Random& random) {
   mesh.add_tube(pose, 0.035f, 0.035f, height + 0.6f, 5, surface_of(Material::metal, random));
   // Faces along the street, both ways.
   const float width = random.uniform(0.5f, 0.9f);
-  mesh.add_box(pose, {-0.06f, -0.5f * width, height},
-               {-0.04f, 0.5f * width, height + random.uniform(0.5f, 0.9f)},
+  mesh.add_box(pose, {-0.06f, -0.5f * width, height}, {-0.04f, 0.5f * width, height + random.uniform(0.5f, 0.9f)},
                surface_of(Material::sign, random));
   if (random.chance(0.4f))
     mesh.add_box(pose, {-0.06f, -0.3f, height - 0.45f}, {-0.04f, 0.3f, height - 0.08f},
@@ -105,8 +96,7 @@ void add_traffic_sign(Mesh& mesh, const Isometry3f& pose, Random& random) {
 void add_shelter(Mesh& mesh, const Isometry3f& pose, Random& random) {
   const Surface metal = surface_of(Material::metal, random), panel = surface_of(Material::cloth, random);
   for (const float x : {0.1f, 3.9f})
-    for (const float y : {0.1f, 1.3f})
-      mesh.add_tube(pose * Translation3f(x, y, 0), 0.05f, 0.05f, 2.35f, 4, metal);
+    for (const float y : {0.1f, 1.3f}) mesh.add_tube(pose * Translation3f(x, y, 0), 0.05f, 0.05f, 2.35f, 4, metal);
   mesh.add_box(pose, {-0.1f, -0.2f, 2.35f}, {4.1f, 1.5f, 2.5f}, metal);
   mesh.add_box(pose, {0.2f, 1.3f, 0.3f}, {2.4f, 1.35f, 2.1f}, panel);
   mesh.add_box(pose, {3.85f, 0.2f, 0.25f}, {3.95f, 1.25f, 2.05f}, surface_of(Material::sign, random));
@@ -117,8 +107,7 @@ void add_bollards(Mesh& mesh, const Isometry3f& pose, Random& random) {
   const Surface surface = surface_of(random.chance(0.5f) ? Material::metal : Material::plain, random);
   const int count = 2 + random.below(2);
   for (int i = 0; i < count; ++i)
-    mesh.add_tube(pose * Translation3f(1.1f * static_cast<float>(i), -0.2f, 0), 0.09f, 0.07f, 0.95f, 6,
-                  surface);
+    mesh.add_tube(pose * Translation3f(1.1f * static_cast<float>(i), -0.2f, 0), 0.09f, 0.07f, 0.95f, 6, surface);
 }
 
 void add_box_furniture(Mesh& mesh, const Isometry3f& pose, Random& random) {
@@ -142,8 +131,7 @@ void add_box_furniture(Mesh& mesh, const Isometry3f& pose, Random& random) {
                     surface_of(Material::leaves, random));
       break;
     default:
-      add_block(mesh, pose, {0, 0.2f}, {random.uniform(0.8f, 1.8f), 0.4f, random.uniform(1, 1.4f)}, 0,
-                surface);
+      add_block(mesh, pose, {0, 0.2f}, {random.uniform(0.8f, 1.8f), 0.4f, random.uniform(1, 1.4f)}, 0, surface);
   }
 }
 
@@ -172,18 +160,16 @@ void add_car(Mesh& mesh, const Isometry3f& pose, Random& random) {
   add_wheels(mesh, pose, 0.62f * half_length, half_width, lorry ? 0.42f : 0.33f, random);
   add_lights(mesh, pose, half_length, half_width, belt - 0.3f, random);
   if (lorry) {
-    add_cabin(mesh, pose, {half_length - 1.4f, -half_width, belt}, {half_length, half_width, 2.1f},
-              {0.25f, 0}, 0.06f, paint, glass);
+    add_cabin(mesh, pose, {half_length - 1.4f, -half_width, belt}, {half_length, half_width, 2.1f}, {0.25f, 0}, 0.06f,
+              paint, glass);
     mesh.add_box(pose, {half_length - 1.4f, -half_width, bottom}, {half_length, half_width, belt}, paint);
-    mesh.add_box(pose, {-half_length, -half_width, 0.6f},
-                 {half_length - 1.5f, half_width, random.uniform(2.4f, 3)},
+    mesh.add_box(pose, {-half_length, -half_width, 0.6f}, {half_length - 1.5f, half_width, random.uniform(2.4f, 3)},
                  surface_of(Material::plain, random));
     return;
   }
   // Lower body, then bumpers that stick out, then the cabin.
   mesh.add_frustum(pose, {-half_length, -half_width, bottom}, {half_length, half_width, belt},
-                   {-half_length + 0.12f, -half_width + 0.06f}, {half_length - 0.2f, half_width - 0.06f},
-                   paint);
+                   {-half_length + 0.12f, -half_width + 0.06f}, {half_length - 0.2f, half_width - 0.06f}, paint);
   const Surface plastic = surface_of(Material::rubber, random);
   for (const float end : {-half_length, half_length})
     add_block(mesh, pose, {end, 0}, {0.16f, 1.8f * half_width, 0.2f}, 0.3f, plastic);
@@ -191,8 +177,7 @@ void add_car(Mesh& mesh, const Isometry3f& pose, Random& random) {
   const float front = van ? half_length - 0.7f : half_length - random.uniform(0.95f, 1.2f);
   const float rear = van || kind < 5 ? -half_length + 0.12f : -half_length + random.uniform(0.6f, 0.8f);
   add_cabin(mesh, pose, {rear, -half_width + 0.07f, belt}, {front, half_width - 0.07f, roof},
-            {random.uniform(0.5f, 0.75f), van ? 0.05f : random.uniform(0.2f, 0.5f)}, 0.14f, paint,
-            van ? paint : glass);
+            {random.uniform(0.5f, 0.75f), van ? 0.05f : random.uniform(0.2f, 0.5f)}, 0.14f, paint, van ? paint : glass);
   for (const float side : {-1.f, 1.f})
     add_block(mesh, pose, {front - 0.35f, side * (half_width + 0.06f)}, {0.1f, 0.16f, 0.12f}, belt, paint);
 }

@@ -8,13 +8,11 @@ namespace {
 using Eigen::Isometry3f;
 using Eigen::Vector3f;
 
-Surface surface_of(Material material, Random& random) {
-  return {material, static_cast<std::uint32_t>(random.bits())};
-}
+Surface surface_of(Material material, Random& random) { return {material, static_cast<std::uint32_t>(random.bits())}; }
 
 /// Two slopes whose ridge runs along x, over the rectangle [0, width] x [0, depth] at height `eaves`.
-void add_gable_roof(Mesh& mesh, const Isometry3f& pose, float width, float depth, float eaves, float rise,
-                    Surface roof, Surface wall) {
+void add_gable_roof(Mesh& mesh, const Isometry3f& pose, float width, float depth, float eaves, float rise, Surface roof,
+                    Surface wall) {
   const float out = 0.4f, half = 0.5f * depth;
   const float drop = rise * out / half;  // the slope goes on past the wall
   const auto at = [&](float x, float y, float z) -> Vector3f { return pose * Vector3f(x, y, eaves + z); };
@@ -26,8 +24,8 @@ void add_gable_roof(Mesh& mesh, const Isometry3f& pose, float width, float depth
   // From below, so that the overhang can be seen.
   mesh.add_quad(front1, front0, ridge0, ridge1, roof);
   mesh.add_quad(back0, back1, ridge1, ridge0, roof);
-  mesh.add_triangle({at(width, 0, 0), 0, 0}, {at(width, depth, 0), depth, 0},
-                    {at(width, half, rise), half, rise}, wall);
+  mesh.add_triangle({at(width, 0, 0), 0, 0}, {at(width, depth, 0), depth, 0}, {at(width, half, rise), half, rise},
+                    wall);
   mesh.add_triangle({at(0, depth, 0), 0, 0}, {at(0, 0, 0), depth, 0}, {at(0, half, rise), half, rise}, wall);
 }
 
@@ -38,8 +36,7 @@ void add_roof(Mesh& mesh, const Isometry3f& pose, float width, float depth, floa
     const float rise = depth * random.uniform(0.25f, 0.4f);
     add_gable_roof(mesh, pose, width, depth, height, rise, roof, {Material::plain, wall.seed});
     const float x = random.uniform(0.2f, 0.7f) * width;
-    mesh.add_box(pose, {x, 0.3f * depth, height}, {x + 0.7f, 0.3f * depth + 0.6f, height + rise + 0.8f},
-                 stone);
+    mesh.add_box(pose, {x, 0.3f * depth, height}, {x + 0.7f, 0.3f * depth + 0.6f, height + rise + 0.8f}, stone);
   } else {
     const float out = random.uniform(0.15f, 0.5f);
     mesh.add_box(pose, {-0.02f, -out, height - 0.45f}, {width + 0.02f, depth, height + 0.1f}, stone);
@@ -76,8 +73,7 @@ void add_ground_floor(Mesh& mesh, const Isometry3f& pose, float width, Random& r
   const Surface stone = surface_of(Material::plain, random);
   mesh.add_box(pose, {door, -0.7f, 0}, {door + 1.6f, 0, 0.3f}, stone);
   mesh.add_box(pose, {door, -0.35f, 0.3f}, {door + 1.6f, 0, 0.46f}, stone);
-  mesh.add_box(pose, {door + 0.3f, -0.06f, 0.46f}, {door + 1.3f, 0, 2.5f},
-               surface_of(Material::paint, random));
+  mesh.add_box(pose, {door + 0.3f, -0.06f, 0.46f}, {door + 1.3f, 0, 2.5f}, surface_of(Material::paint, random));
   mesh.add_box(pose, {0, -0.09f, 0}, {width, 0, random.uniform(0.35f, 0.7f)}, stone);
 }
 

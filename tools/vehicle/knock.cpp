@@ -17,8 +17,7 @@ void move_lidar(LidarScan& scan, const RigidTransform& motion) {
   const RigidTransform inverse = motion.inverse();
   for (LidarPoint& point : scan.points) {
     const Eigen::Vector3d p = inverse * Eigen::Vector3d(point.x_m, point.y_m, point.z_m);
-    point.x_m = static_cast<float>(p.x()), point.y_m = static_cast<float>(p.y()),
-    point.z_m = static_cast<float>(p.z());
+    point.x_m = static_cast<float>(p.x()), point.y_m = static_cast<float>(p.y()), point.z_m = static_cast<float>(p.z());
   }
 }
 

@@ -64,8 +64,7 @@ class RangeImage {
     const int id = static_cast<int>(met_.size());
     bool met = false;
     const auto [from, to] = columns_between(a, b, c, around_axis);
-    const std::array<Vector3f, 3> edges{facing.a.cross(facing.b), facing.b.cross(facing.c),
-                                        facing.c.cross(facing.a)};
+    const std::array<Vector3f, 3> edges{facing.a.cross(facing.b), facing.b.cross(facing.c), facing.c.cross(facing.a)};
     for (int i = from; i <= to; ++i)
       if (const int column = (i % whole_turn_ + whole_turn_) % whole_turn_; column < columns_)
         met |= meet(facing, edges, column, first_beam, last_beam, max_range, id);
@@ -88,8 +87,7 @@ class RangeImage {
 
   /// Beams that may meet the triangle, from its heights and its horizontal distances.
   [[nodiscard]] std::pair<int, int> beams_between(const FacingTriangle& facing, float nearest) const {
-    const float farthest =
-        std::max({facing.a.head<2>().norm(), facing.b.head<2>().norm(), facing.c.head<2>().norm()});
+    const float farthest = std::max({facing.a.head<2>().norm(), facing.b.head<2>().norm(), facing.c.head<2>().norm()});
     const float high = std::max({facing.a.z(), facing.b.z(), facing.c.z()}),
                 low = std::min({facing.a.z(), facing.b.z(), facing.c.z()});
     const float steepest_up = high / (high > 0 ? nearest : farthest),
@@ -106,9 +104,7 @@ class RangeImage {
     if (around_axis) return {0, whole_turn_ - 1};
     const float first = std::atan2(a.y(), a.x());
     // The other corners within half a turn of the first.
-    const auto beside = [&](const Vector2f& p) {
-      return std::remainder(std::atan2(p.y(), p.x()) - first, 2 * pi);
-    };
+    const auto beside = [&](const Vector2f& p) { return std::remainder(std::atan2(p.y(), p.x()) - first, 2 * pi); };
     const float low = first + std::min({0.f, beside(b), beside(c)}),
                 high = first + std::max({0.f, beside(b), beside(c)});
     const float offset = 0.5f * static_cast<float>(columns_);
@@ -186,8 +182,7 @@ LidarScan scan(const Scene& scene, const std::vector<Instance>& instances, const
       const Vector3f p = hit.range * direction;
       const float spot = 0.003f * hit.range;
       const float cosine = -direction.dot(target.normal);
-      const float visible =
-          albedo(scene.noise(), target.surface, target.texture.u(p), target.texture.v(p), spot, spot);
+      const float visible = albedo(scene.noise(), target.surface, target.texture.u(p), target.texture.v(p), spot, spot);
       const float reflectance =
           std::clamp(infrared(target.surface.material, visible) * (0.3f + 0.7f * cosine), 0.f, 1.f);
       float range = hit.range;
@@ -199,8 +194,7 @@ LidarScan scan(const Scene& scene, const std::vector<Instance>& instances, const
         range += model.range_sigma_m * random.gaussian();
       }
       const Vector3f measured = range * direction;
-      result.points.push_back(
-          {measured.x(), measured.y(), measured.z(), 0.01f * std::round(100 * reflectance)});
+      result.points.push_back({measured.x(), measured.y(), measured.z(), 0.01f * std::round(100 * reflectance)});
     }
   return result;
 }

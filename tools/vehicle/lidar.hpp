@@ -20,7 +20,7 @@ struct LidarModel {
 
 /// One revolution of the LiDAR at `T_world_lidar` (x forward, y left, z up), everything at one instant, in
 /// the order of the azimuth. `key` picks noise and losses; stamp left at 0. Reflectance in [0, 1].
-[[nodiscard]] LidarScan scan(const Scene& scene, const std::vector<Instance>& instances,
-                             const LidarModel& model, const RigidTransform& T_world_lidar, std::uint64_t key);
+[[nodiscard]] LidarScan scan(const Scene& scene, const std::vector<Instance>& instances, const LidarModel& model,
+                             const RigidTransform& T_world_lidar, std::uint64_t key);
 
 }  // namespace calib::vehicle

@@ -57,15 +57,14 @@ struct Mesh {
   std::vector<Triangle> triangles;
 
   /// Corners counter-clockwise from the front; texture u along a-b, v along a-d, (u0, v0) at a.
-  void add_quad(const Eigen::Vector3f& a, const Eigen::Vector3f& b, const Eigen::Vector3f& c,
-                const Eigen::Vector3f& d, Surface surface, float u0 = 0, float v0 = 0);
+  void add_quad(const Eigen::Vector3f& a, const Eigen::Vector3f& b, const Eigen::Vector3f& c, const Eigen::Vector3f& d,
+                Surface surface, float u0 = 0, float v0 = 0);
   /// As above with the texture position of every corner given.
   void add_quad(const std::array<Corner, 4>& corners, Surface surface);
   void add_triangle(const Corner& a, const Corner& b, const Corner& c, Surface surface);
 
   /// The box [low, high] of the frame `pose`.
-  void add_box(const Eigen::Isometry3f& pose, const Eigen::Vector3f& low, const Eigen::Vector3f& high,
-               Surface surface);
+  void add_box(const Eigen::Isometry3f& pose, const Eigen::Vector3f& low, const Eigen::Vector3f& high, Surface surface);
   /// A box whose top rectangle [top_low, top_high] (x, y) differs from its bottom one: cabins, hipped roofs.
   void add_frustum(const Eigen::Isometry3f& pose, const Eigen::Vector3f& low, const Eigen::Vector3f& high,
                    const Eigen::Vector2f& top_low, const Eigen::Vector2f& top_high, Surface surface);
@@ -73,8 +72,8 @@ struct Mesh {
   void add_tube(const Eigen::Isometry3f& pose, float bottom_radius, float top_radius, float height, int sides,
                 Surface surface);
   /// A closed, rough, round body of 80 triangles: crowns of trees, bushes, heads.
-  void add_blob(const Eigen::Vector3f& centre, const Eigen::Vector3f& radii, float roughness,
-                std::uint64_t seed, Surface surface);
+  void add_blob(const Eigen::Vector3f& centre, const Eigen::Vector3f& radii, float roughness, std::uint64_t seed,
+                Surface surface);
 };
 
 }  // namespace calib::vehicle

@@ -46,8 +46,7 @@ const Mesh& Scene::model(std::uint64_t key, void (*add)(Mesh&, const Eigen::Isom
 void Scene::add_traffic(double t_s, std::vector<Instance>& result) {
   const double here = station(t_s);
   /// Things one after another every `spacing` metres, moving on at `speed`.
-  const auto add_row = [&](Purpose purpose, double spacing, double speed, double height, auto&& lateral,
-                           auto add) {
+  const auto add_row = [&](Purpose purpose, double spacing, double speed, double height, auto&& lateral, auto add) {
     const double shift = speed * t_s;
     const int first = static_cast<int>(std::floor((here - behind_m - shift) / spacing));
     const int last = static_cast<int>(std::ceil((here + ahead_m - shift) / spacing));
@@ -63,14 +62,12 @@ void Scene::add_traffic(double t_s, std::vector<Instance>& result) {
     }
   };
   add_row(
-      Purpose::oncoming, 28, -7, 0, [](Random& random) { return other_lane_m + random.uniform(-0.2f, 0.2f); },
-      add_car);
+      Purpose::oncoming, 28, -7, 0, [](Random& random) { return other_lane_m + random.uniform(-0.2f, 0.2f); }, add_car);
   for (const double direction : {-1.3, 1.2})
     for (const double side : {-1.0, 1.0})
       add_row(
           Purpose::walker, direction > 0 ? 11 : 14, direction, Street::kerb_height_m,
-          [&](Random& random) { return side * (7.8 + 0.5 * direction + random.uniform(-0.3f, 0.3f)); },
-          add_person);
+          [&](Random& random) { return side * (7.8 + 0.5 * direction + random.uniform(-0.3f, 0.3f)); }, add_person);
 
   // Cars ahead in the own lane that close up and fall back.
   for (int i = 0; i < 3; ++i) {

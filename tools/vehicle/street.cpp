@@ -18,8 +18,7 @@ enum Purpose : std::uint64_t { phases, crossing, lots, kerbside };
 /// side.
 class Side {
  public:
-  Side(const Street& street, int block, bool left)
-      : street_(street), start_(block * Street::block_m), left_(left) {
+  Side(const Street& street, int block, bool left) : street_(street), start_(block * Street::block_m), left_(left) {
     T_block_world_ = street.pose_at(start_, 0).inverse();
   }
   /// `along` metres from the begin of the block as seen walking with the street on the right; `out` from the
@@ -43,9 +42,9 @@ void add_ground(Mesh& mesh, const Street& street, int block) {
   struct Line {
     float out, height;
   };
-  const Surface road{Material::road, street_surface_seed},
-      asphalt{Material::asphalt, street_surface_seed + 1}, kerb{Material::kerb, street_surface_seed + 2},
-      paving{Material::paving, street_surface_seed + 3}, earth{Material::earth, street_surface_seed + 4};
+  const Surface road{Material::road, street_surface_seed}, asphalt{Material::asphalt, street_surface_seed + 1},
+      kerb{Material::kerb, street_surface_seed + 2}, paving{Material::paving, street_surface_seed + 3},
+      earth{Material::earth, street_surface_seed + 4};
   constexpr float h = Street::kerb_height_m;
   // From the centre outwards; strip i lies between line i and i + 1.
   const std::array<Line, 6> raised{
@@ -75,11 +74,11 @@ void add_ground(Mesh& mesh, const Street& street, int block) {
       auto right_outer_near = corner(x, -outer.out, outer.height),
            right_outer_far = corner(x + step, -outer.out, outer.height);
       for (Corner* c : {&left_outer_near, &left_outer_far, &right_outer_near, &right_outer_far}) c->v += rise;
-      mesh.add_quad({corner(x, inner.out, inner.height), corner(x + step, inner.out, inner.height),
-                     left_outer_far, left_outer_near},
+      mesh.add_quad({corner(x, inner.out, inner.height), corner(x + step, inner.out, inner.height), left_outer_far,
+                     left_outer_near},
                     surfaces[i]);
-      mesh.add_quad({corner(x + step, -inner.out, inner.height), corner(x, -inner.out, inner.height),
-                     right_outer_near, right_outer_far},
+      mesh.add_quad({corner(x + step, -inner.out, inner.height), corner(x, -inner.out, inner.height), right_outer_near,
+                     right_outer_far},
                     surfaces[i]);
     }
   }
@@ -95,8 +94,7 @@ void add_crossing(Mesh& mesh, const Side& side, std::uint64_t seed, bool left) {
   const float sign = left ? 1.f : -1.f;
   // A kerb along the side street, and a wide one on its other side.
   const auto slab = [&](const Eigen::Isometry3f& pose, float from, float to) {
-    mesh.add_box(pose, {std::min(from, to), 0.1f, 0}, {std::max(from, to), 45, Street::kerb_height_m + 0.02f},
-                 kerb);
+    mesh.add_box(pose, {std::min(from, to), 0.1f, 0}, {std::max(from, to), 45, Street::kerb_height_m + 0.02f}, kerb);
   };
   slab(corner, -0.3f * sign, 0);
   const Eigen::Isometry3f near_corner = side.at(left ? 0 : length, Street::kerb_m);
@@ -129,8 +127,8 @@ void add_kerbside(Mesh& mesh, const Side& side, std::uint64_t seed, float from, 
   Random random(seed);
   const bool trees = random.chance(0.55f), lamps = !trees || random.chance(0.5f);
   for (float at = from + random.uniform(1, 4); at < to - 1; at += random.uniform(2.2f, 5)) {
-    const Eigen::Isometry3f pose = side.at(at, Street::kerb_m + random.uniform(0.5f, 0.9f)) *
-                                   Eigen::Translation3f(0, 0, Street::kerb_height_m);
+    const Eigen::Isometry3f pose =
+        side.at(at, Street::kerb_m + random.uniform(0.5f, 0.9f)) * Eigen::Translation3f(0, 0, Street::kerb_height_m);
     const int choice = random.below(12);
     if (choice < 3 && trees)
       add_tree(mesh, pose, random);

@@ -51,8 +51,8 @@ struct Claim {
 /// The one place that decides what is shown: `calibrated` needs evidence that the present process has gathered or
 /// confirmed, that is no older than its lifetime, and that is written down. `suspect` and `drifted` need the same, but
 /// the confirmation. Anything else is `not_evaluated`, whose cause is `starting`, `store_failed` or `stale`; its reason
-/// begins with that word and ends with what was said before. Programs that read a status apply it again, by their own clock: what it has made
-/// of a verdict stays so.
+/// begins with that word and ends with what was said before. Programs that read a status apply it again, by their own
+/// clock: what it has made of a verdict stays so.
 [[nodiscard]] Claim claim(const Claim& by_evidence, const std::optional<Grounds>& grounds, const BootTime& now);
 
 }  // namespace calib

@@ -37,8 +37,7 @@ class Store {
   [[nodiscard]] Result<void> in_transaction(const std::function<Result<void>()>& body);
 
   /// Appends a record. Fails with `broken_chain` when `sequence` is not the last one plus 1.
-  [[nodiscard]] Result<void> append_record(std::uint64_t sequence, std::string_view pair,
-                                           const SignedRecord& record);
+  [[nodiscard]] Result<void> append_record(std::uint64_t sequence, std::string_view pair, const SignedRecord& record);
   /// The sequence of the last record, 0 when there is none.
   [[nodiscard]] Result<std::uint64_t> record_count() const;
   /// Fails with `record_not_found`.
@@ -84,7 +83,6 @@ class Store {
     const PublicKey& key, const std::function<void(const CalibrationRecord&, const SignedRecord&)>& visit);
 
 /// Those of a store as a list, or the failure alone.
-[[nodiscard]] Result<std::vector<CalibrationRecord>> verified_history(const Store& store,
-                                                                      const PublicKey& key);
+[[nodiscard]] Result<std::vector<CalibrationRecord>> verified_history(const Store& store, const PublicKey& key);
 
 }  // namespace calib
