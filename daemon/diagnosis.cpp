@@ -80,10 +80,10 @@ Result<std::optional<FramePair>> listen(const DiagnosisInput& input, Network& ne
 /// agree with another lens or with the stereo images exchanged.
 std::optional<DepthMap> try_depth(const DiagnosisInput& input, const FramePair& pair, DepthSource& source,
                                   const std::function<bool()>& keep_going, PairObservation& seen) {
-  const auto estimate = [&](const FramePair& of) {
+  const auto estimate = [&](const FramePair& of) -> Result<DepthMap> {
     auto depth = source.estimate(of);
-    if (depth)
-      if (auto masked = mask_depth(of.image, input.pair.depth_range, *depth); !masked) depth = propagate(masked);
+    if (!depth) return depth;
+    if (const auto masked = mask_depth(of.image, input.pair.depth_range, *depth); !masked) return propagate(masked);
     return depth;
   };
   if (auto scene = check_pair(pair, seen.camera, nullptr, {});

@@ -44,7 +44,7 @@ struct DepthTrial {
 /// What was observed of a pair: the input of `diagnose`.
 struct PairObservation {
   Camera camera;
-  DepthKind depth_kind;
+  DepthSourceKind depth_kind;
   std::string pair{};
   std::uint32_t domain = 0;
   std::string interface {};

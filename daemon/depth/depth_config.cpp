@@ -22,8 +22,8 @@ DepthConfig read_named(const ConfigNode& node, const CameraConfig& camera, std::
 
 }  // namespace
 
-const DepthKind& depth_kind(const DepthConfig& source) {
-  return std::visit([](const auto& kind) -> const DepthKind& { return kind.kind; }, source);
+const DepthSourceKind& depth_kind(const DepthConfig& source) {
+  return std::visit([](const auto& kind) -> const DepthSourceKind& { return kind.kind; }, source);
 }
 
 DepthConfig read_depth_config(const ConfigNode& node, const CameraConfig& camera) {

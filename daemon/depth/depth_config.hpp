@@ -18,7 +18,7 @@ using DepthConfig = OneOf<StereoDepthConfig, OnnxDepthConfig, TopicDepthConfig>;
 
 // Each calls the member of that name.
 
-[[nodiscard]] const DepthKind& depth_kind(const DepthConfig& source);
+[[nodiscard]] const DepthSourceKind& depth_kind(const DepthConfig& source);
 /// By the key `source` of the mapping `depth`. Throws `BadConfig`.
 [[nodiscard]] DepthConfig read_depth_config(const ConfigNode& node, const CameraConfig& camera);
 void add_topics(const DepthConfig& source, const Camera& camera, PairTopics& topics);

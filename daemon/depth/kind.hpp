@@ -15,7 +15,7 @@ namespace calib {
 struct CameraConfig;
 
 /// What all depth sources of one kind have in common.
-struct DepthKind {
+struct DepthSourceKind {
   std::string_view name;  // the value of `depth.source` in the configuration
   bool is_metric;         // depth in metres; otherwise up to an unknown monotone scale
   bool is_monocular;      // estimated from one image by a network
@@ -48,7 +48,7 @@ template <typename T>
 concept DepthSourceConfig =
     requires(T& config, const T& source, const ConfigNode& node, const CameraConfig& camera_config,
              const Camera& camera, const StereoCameraInfo& infos, PairTopics& topics) {
-      { T::kind } -> std::same_as<const DepthKind&>;
+      { T::kind } -> std::same_as<const DepthSourceKind&>;
       /// Reads the mapping `depth` of a pair. Throws `BadConfig`.
       { T::read(node, camera_config) } -> std::same_as<T>;
       /// Adds the topics that the source reads, with the sizes that their images may have.

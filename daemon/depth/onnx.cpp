@@ -38,7 +38,7 @@ class MemoryReturningDepth final : public DepthEstimator {
 
 }  // namespace
 
-constinit const DepthKind OnnxDepthConfig::kind{
+constinit const DepthSourceKind OnnxDepthConfig::kind{
     .name = "onnx",
     .is_metric = false,
     .is_monocular = true,
@@ -46,7 +46,7 @@ constinit const DepthKind OnnxDepthConfig::kind{
     .remedies = {.few_valid = "is it the right model, topic and range_m?",
                  .inverted = "correct output.semantics in the model's descriptor: depth and inverse depth are confused",
                  .wrong_scale = "correct the unit of depth"},
-    .preparation_failure = DepthKind::PreparationFailure{
+    .preparation_failure = DepthSourceKind::PreparationFailure{
         .code = ErrorCode::depth_model_refused,
         .cause = "the network's file, its descriptor or its golden pair was altered, or is not the one that was meant",
         .remedy = "put back the network that the descriptor was written for, or write a descriptor for this one; then "

@@ -16,7 +16,7 @@ struct OnnxDepthConfig {
   std::string descriptor_sha256 = {};
   OnnxSettings settings;
 
-  static const DepthKind kind;
+  static const DepthSourceKind kind;
   [[nodiscard]] static OnnxDepthConfig read(const ConfigNode& node, const CameraConfig& camera);
   void add_topics(const Camera&, PairTopics&) const {}
   void pin_files();

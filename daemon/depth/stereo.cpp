@@ -25,7 +25,7 @@ bool are_alike(const Camera& a, const Camera& b) {
 
 }  // namespace
 
-constinit const DepthKind StereoDepthConfig::kind{
+constinit const DepthSourceKind StereoDepthConfig::kind{
     .name = "stereo",
     .is_metric = true,
     .is_monocular = false,

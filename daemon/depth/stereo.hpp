@@ -17,7 +17,7 @@ struct StereoDepthConfig {
   std::optional<std::string> right_info;
   StereoMatcher matcher = StereoMatcher::sgbm;
 
-  static const DepthKind kind;
+  static const DepthSourceKind kind;
   [[nodiscard]] static StereoDepthConfig read(const ConfigNode& node, const CameraConfig& left);
   void add_topics(const Camera& left, PairTopics& topics) const;
   void pin_files() {}

@@ -4,7 +4,7 @@
 
 namespace calib {
 
-constinit const DepthKind TopicDepthConfig::kind{
+constinit const DepthSourceKind TopicDepthConfig::kind{
     .name = "topic",
     .is_metric = true,
     .is_monocular = false,

@@ -14,7 +14,7 @@ struct TopicDepthConfig {
   /// None: the depth image shows what the camera's image shows.
   std::optional<DepthCamera> camera;
 
-  static const DepthKind kind;
+  static const DepthSourceKind kind;
   [[nodiscard]] static TopicDepthConfig read(const ConfigNode& node, const CameraConfig& camera);
   void add_topics(const Camera& image_camera, PairTopics& topics) const;
   void pin_files() {}

@@ -17,8 +17,8 @@ Camera camera() { return require_ok(Camera::make(CameraModel::rectified, 640, 48
 }  // namespace
 
 TEST_CASE("each kind of depth source is described by the table") {
-  const DepthKind &stereo = depth_kind(StereoDepthConfig{}), &onnx = depth_kind(OnnxDepthConfig{}),
-                  &topic = depth_kind(TopicDepthConfig{});
+  const DepthSourceKind &stereo = depth_kind(StereoDepthConfig{}), &onnx = depth_kind(OnnxDepthConfig{}),
+                        &topic = depth_kind(TopicDepthConfig{});
   CHECK((stereo.name == "stereo" && stereo.is_metric && !stereo.is_monocular && stereo.colour == Colour::none));
   CHECK((onnx.name == "onnx" && !onnx.is_metric && onnx.is_monocular && onnx.colour == Colour::rgb));
   CHECK((topic.name == "topic" && topic.is_metric && !topic.is_monocular && topic.colour == Colour::none));

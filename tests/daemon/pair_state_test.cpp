@@ -55,7 +55,7 @@ TEST_CASE("a monitor that goes on from its text sees, to the last bit, what it w
   DriftMonitor straight({}), restarted({});
   for (int i = 0; i < 150; ++i) {
     const AxisEvidence evidence = random_evidence(random, 1s * i, i < 120 ? 0 : 0.6);
-    CHECK(straight.observe(evidence) == restarted.observe(evidence));
+    CHECK(test::require_ok(straight.observe(evidence)) == test::require_ok(restarted.observe(evidence)));
     PairState state;
     state.drift = restarted.state();
     restarted = DriftMonitor({}, test::require_ok(parse_pair_state(to_text(state))).drift);

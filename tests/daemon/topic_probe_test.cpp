@@ -133,7 +133,7 @@ TEST_CASE("a topic that nobody publishes, or whose messages cannot be used, is n
 
 TEST_CASE("an image of another size counts as a message, and its size is noted") {
   Probed probed;
-  const Error error{"image_size_mismatch", "the image is 6 x 4"};
+  const Error error{ErrorCode::image_size_mismatch, "the image is 6 x 4"};
   probed.probe.add(Malformed{"/left/image", error, UndecodedImage{1s, {6, 4}}}, 2s);
   CHECK(probed.topic("image").messages == 1);
   CHECK(probed.topic("image").age == 1s);

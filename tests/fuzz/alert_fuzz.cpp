@@ -1,4 +1,4 @@
-#include "drift_alert.hpp"
+#include "dds/messages.hpp"
 #include "fuzz/fuzz.hpp"
 
 namespace calib::fuzz {

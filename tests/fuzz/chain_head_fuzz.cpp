@@ -23,7 +23,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
   const auto read = [](std::string_view file) {
     (void)scratch().write("chain-head.json", file);
     auto head = calib::read_chain_head(scratch().folder(), key);
-    if (!head) require_code(head.error(), {ErrorCode::malformed_head});
+    if (!head) require_code(head.error(), {calib::ErrorCode::malformed_head});
     return head;
   };
   require(!read(text(bytes, size)));

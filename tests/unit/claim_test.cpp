@@ -9,7 +9,7 @@ using Catch::Matchers::StartsWith;
 
 namespace {
 
-const Claim calibrated{Verdict::calibrated, "the extrinsic is where it was"};
+const Claim calibrated{Verdict::calibrated, std::nullopt, "the extrinsic is where it was"};
 const BootTime now{"boot", 100s};
 
 Grounds sound() {

@@ -85,7 +85,7 @@ TEST_CASE("text has 1 .. 4096 characters, none of them a control character") {
   const auto text = [](const ConfigNode& node) { (void)node.text(); };
   CHECK(refused_value("front", text).empty());
   CHECK(refused_value(std::string(4096, 'x'), text).empty());
-  for (const std::string value : {std::string("''"), std::string(4097, 'x'), std::string("\"a\\tb\"")})
+  for (const std::string& value : {std::string("''"), std::string(4097, 'x'), std::string("\"a\\tb\"")})
     CHECK(refused_value(value, text) == "c.yaml:1: a: needs text of 1 .. 4096 characters without control characters");
   CHECK(refused_value("{b: 1}", text) == "c.yaml:1: a: needs text");
 }

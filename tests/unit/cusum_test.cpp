@@ -1,5 +1,6 @@
 #include "calib/cusum.hpp"
 
+#include <algorithm>
 #include <limits>
 
 #include "support/catch.hpp"
