@@ -54,9 +54,7 @@ bool is_distorted(const CameraInfo& info) {
 }
 
 /// Lens models that CameraInfo cannot describe.
-bool is_unknown_to_camera_info(CameraModel model) {
-  return model == CameraModel::double_sphere || model == CameraModel::eucm || model == CameraModel::mei;
-}
+bool is_unknown_to_camera_info(CameraModel model) { return !facts(model).ros; }
 
 std::string lens_words(const CameraInfo& info) {
   return is_distorted(info) ? "model " + std::string(to_string(info.model)) : "no distortion";

@@ -53,6 +53,8 @@ constinit const DepthSourceKind OnnxDepthConfig::kind{
                   "restart calibd"}};
 
 OnnxDepthConfig OnnxDepthConfig::read(const ConfigNode& node, const CameraConfig&) {
+  if (!has_onnx())
+    node.at("source").refuse("onnx needs a calibd that was built with ONNX Runtime; choose stereo or topic");
   if (const auto range = node.find("range_m"))
     range->refuse("is for stereo and topic; a network's range stands in its descriptor");
   node.with_keys(

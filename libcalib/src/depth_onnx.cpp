@@ -139,6 +139,8 @@ class OnnxDepth final : public DepthEstimator {
 
 }  // namespace
 
+bool has_onnx() { return true; }
+
 Result<std::unique_ptr<DepthEstimator>> make_onnx_depth(const std::filesystem::path& descriptor, const Camera& camera,
                                                         const OnnxSettings& settings) {
   auto model = load_depth_model(descriptor);

@@ -3,6 +3,9 @@
 namespace calib {
 
 // In place of depth_onnx.cpp where CALIB_WITH_ONNX is off.
+
+bool has_onnx() { return false; }
+
 Result<std::unique_ptr<DepthEstimator>> make_onnx_depth(const std::filesystem::path& descriptor, const Camera&,
                                                         const OnnxSettings&) {
   return fail(ErrorCode::bad_config, descriptor.string() +

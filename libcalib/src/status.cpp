@@ -176,8 +176,8 @@ PairStatus pair_from(const json& object) {
   pair.name = object.at("name").get<std::string>();
   pair.verdict = verdict_from(object.at("verdict"));
   // A word that only a newer calibd knows is none; the reason says it.
-  if (const auto cause = object.find("cause"); cause != object.end() && !cause->is_null())
-    pair.cause = parse_error_code(cause->get_ref<const std::string&>());
+  if (const json& cause = object.at("cause"); !cause.is_null())
+    pair.cause = parse_error_code(cause.get_ref<const std::string&>());
   pair.reason = object.at("reason").get<std::string>();
   // A snapshot of an earlier calibd lacks it: its verdict rests on nothing that could be checked.
   if (const auto grounds = object.find("evidence"); grounds != object.end() && !grounds->is_null())

@@ -79,12 +79,12 @@ def test_status_of_a_pair_without_data_is_not_evaluated_and_its_record_verifies(
     (["recalibrate", "front"], FAILED, "pairs"), (["recalibrate", "front", "--dry-run"], FAILED, "pairs"),
     (["recalibrate", "rear"], NOT_FOUND, "rear"), (["accept", "front"], NOT_FOUND, "propos"),
     (["rollback", "front"], NOT_FOUND, "earlier"), (["rollback", "front", "--to", "9"], NOT_FOUND, "9")])
-def test_what_cannot_be_done_is_refused_with_its_reason(bare, daemon, arguments, exit_code, words):
+def test_an_impossible_request_is_refused_with_a_reason(bare, daemon, arguments, exit_code, words):
     refused = bare(*arguments)
     assert refused.exit == exit_code and refused.out == "" and words in refused.err
 
 
-def test_rolling_back_is_recorded_with_who_asked(bare, daemon, schema):
+def test_a_rollback_is_recorded_with_the_user_who_requested_it(bare, daemon, schema):
     done = bare("rollback", "front", "--to", "1")
     assert done.exit == DONE and "rolled back" in done.out
     record = json.loads(bare("show", "--json").out)
@@ -93,7 +93,7 @@ def test_rolling_back_is_recorded_with_who_asked(bare, daemon, schema):
     assert json.loads(bare("status", "--json").out)["pairs"][0]["record"]["sequence"] == 2
 
 
-def test_questions_of_askers_who_left_do_not_pile_up(bare, daemon):
+def test_requests_of_closed_connections_are_dropped(bare, daemon):
     question = json.dumps({"schema": 1, "request": "rollback", "pair": "front", "to": 1}).encode() + b"\n"
     with Frozen(thread_of(daemon.pid, "pairs")):
         for _ in range(60):
@@ -112,7 +112,7 @@ def test_questions_of_askers_who_left_do_not_pile_up(bare, daemon):
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="needs another user")
-def test_who_may_ask_but_not_read_the_store_sees_the_records_by_the_daemon(bin_dir, dds_domain):
+def test_a_user_who_may_not_read_the_store_gets_the_records_from_the_daemon(bin_dir, dds_domain):
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
         folder.chmod(0o755)
@@ -141,7 +141,7 @@ def test_who_may_ask_but_not_read_the_store_sees_the_records_by_the_daemon(bin_d
         assert other("verify").exit == DONE
 
 
-def test_a_chain_that_ends_early_does_not_verify(bare, daemon):
+def test_a_truncated_chain_does_not_verify(bare, daemon):
     assert bare("rollback", "front", "--to", "1").exit == DONE
     daemon.send_signal(signal.SIGKILL)
     daemon.wait()
@@ -149,10 +149,10 @@ def test_a_chain_that_ends_early_does_not_verify(bare, daemon):
     with sqlite3.connect(bare.store) as store:
         store.execute("delete from record where sequence = 2")
     cut = bare("verify")
-    assert cut.exit == NO and "records were cut off" in cut.err
+    assert cut.exit == NO and "records were deleted" in cut.err
 
 
-def test_a_killed_daemon_leaves_its_last_words(bare, daemon, schema):
+def test_a_killed_daemon_leaves_its_snapshot(bare, daemon, schema):
     daemon.send_signal(signal.SIGKILL)
     daemon.wait()
     shown = bare("status", "--json")
@@ -164,7 +164,7 @@ def test_a_killed_daemon_leaves_its_last_words(bare, daemon, schema):
     assert bare("accept", "front").exit == NOT_FOUND
 
 
-def test_the_configuration_that_is_shipped_is_right_without_the_units_environment(bare, source_dir):
+def test_the_shipped_configuration_is_valid_without_the_environment_of_the_unit(bare, source_dir):
     bare_shell = {"PATH": "/usr/bin:/bin"}
     assert bare("check-config", source_dir / "systemd" / "calibd.yaml", env=bare_shell).exit == DONE
 
@@ -177,7 +177,7 @@ def test_check_config_without_a_calibd_is_not_found(bare, tmp_path, configuratio
     assert missing.exit == NOT_FOUND and "no calibd" in missing.err
 
 
-def test_check_config_lets_calibd_read_the_file(bare, configuration):
+def test_check_config_reports_what_calibd_reports(bare, configuration):
     assert bare("check-config", configuration).exit == DONE
     configuration.write_text(configuration.read_text().replace("vehicle:", "vehikel:"))
     wrong = bare("check-config", configuration)

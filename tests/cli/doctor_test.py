@@ -1,4 +1,4 @@
-"""calibctl doctor with the real calibd and calib-sim: each of the ways to set a vehicle up wrongly is named, a right one is well.
+"""calibctl doctor with the real calibd and calib-sim: it names each mistake in the configuration of a vehicle, and none if there is none.
 
 One calibd watches one simulated street through a pair per mistake, so that the vehicle is driven once.
 """
@@ -80,7 +80,7 @@ def write_network(folder, name, semantics):
     return descriptor
 
 
-# ---- the mistakes: pair, what the doctor must find, words of it, and how the right pair is spoiled
+# ---- the mistakes: pair, the check and code that must be reported, words of the report, and how the right pair is changed
 
 MISTAKES = []
 
@@ -276,12 +276,12 @@ def test_a_mistake_is_named_with_its_cause(answer, pair, check, code, words):
     assert problems(answer, pair) == {check: code}
 
 
-def test_all_twelve_are_named(answer):
+def test_all_twelve_mistakes_are_named(answer):
     assert sum(problems(answer, pair) == {check: code} for pair, check, code, *_ in MISTAKES) == 12
 
 
 @pytest.mark.parametrize("pair", HEALTHY)
-def test_nothing_is_wrong_with_a_healthy_pair(answer, pair):
+def test_a_healthy_pair_has_no_problem(answer, pair):
     found = checks_of(answer, pair)
     assert {name: check for name, check in found.items() if check["result"] != "ok"} == {}
     expected = {"image", "cloud", "motion_topic", "camera_info", "clock", "pairing", "image_size", "lens", "cloud_range", "scene", "depth",
@@ -289,11 +289,11 @@ def test_nothing_is_wrong_with_a_healthy_pair(answer, pair):
     assert expected <= set(found)
 
 
-def test_the_answer_is_of_its_schema(answer, schema):
+def test_the_answer_matches_its_schema(answer, schema):
     schema("doctor", answer)
 
 
-def test_one_pair_is_examined_alone_and_a_healthy_one_exits_with_zero(car, tmp_path):
+def test_one_pair_can_be_diagnosed_and_exits_with_zero_if_healthy(car, tmp_path):
     done = car.ask("doctor", "healthy", "--overlay", tmp_path / "pictures")
     assert done.exit == DONE, done.out + done.err
     lines = done.out.splitlines()
@@ -316,14 +316,14 @@ def test_problems_come_first_with_cause_and_remedy(car):
     assert lines[3].startswith("  likely cause  : ") and lines[4].startswith("  remedy        : ")
 
 
-def test_pictures_lie_in_the_state_folder_one_per_pair(car, answer):
+def test_there_is_one_picture_per_pair_in_the_state_folder(car, answer):
     files = {overlay["pair"]: pathlib.Path(overlay["file"]) for overlay in answer["overlays"]}
     assert files["healthy"] == car.folder / "doctor" / "healthy.png" and files["healthy"].stat().st_size > 1000
     assert "wrong_topic" not in files
     assert {path.name for path in (car.folder / "doctor").iterdir()} == {f"{pair}.png" for pair in files}
 
 
-def test_the_doctor_changes_nothing_and_counts_nothing(car):
+def test_a_diagnosis_changes_and_counts_nothing(car):
     before = {pair["name"]: pair for pair in json.loads(car.ask("status", "--json").out)["pairs"]}
     assert car.ask("doctor", "healthy").exit == DONE
     after = {pair["name"]: pair for pair in json.loads(car.ask("status", "--json").out)["pairs"]}
@@ -331,7 +331,7 @@ def test_the_doctor_changes_nothing_and_counts_nothing(car):
         assert before["healthy"][key] == after["healthy"][key]
 
 
-def test_status_is_answered_while_the_doctor_is_at_work(car):
+def test_status_is_answered_during_a_diagnosis(car):
     thread = threading.Thread(target=car.ask, args=("doctor", "healthy", "--json"))
     thread.start()
     assert car.ask("status").exit == DONE and thread.is_alive()
@@ -343,7 +343,7 @@ def test_a_pair_that_does_not_exist_is_refused(car):
     assert refused.exit == NOT_FOUND and refused.out == "" and "front-left" in refused.err
 
 
-def test_without_a_daemon_the_remedy_is_said(bare):
+def test_without_a_daemon_the_remedy_is_printed(bare):
     alone = bare("doctor")
     assert alone.exit == NOT_FOUND and alone.out == ""
     for remedy in ("calibctl check-config", "systemctl status calibd", "journalctl -u calibd"):

@@ -1,4 +1,4 @@
-"""No file that a program is given may crash it, make it wait or fill the memory: one clear line names what is wrong."""
+"""No input file may crash a program, block it or exhaust memory: one line says what is wrong."""
 
 import json
 import os
@@ -15,12 +15,12 @@ import pytest
 
 from conftest import DONE, FAILED, NO, NOT_FOUND, unwrapped
 
-SECONDS = 60  # far longer than any of this takes, far shorter than for ever
+SECONDS = 60  # much longer than any of this takes
 
 
 @pytest.fixture(scope="module")
 def ended(bin_dir, slowdown):
-    """Runs a program in little memory, which a sanitizer would not do with."""
+    """Runs a program with little memory (too little for a sanitizer)."""
 
     def limit():
         if slowdown == 1:
@@ -61,7 +61,7 @@ def made_list(bin_dir, tmp_path_factory):
 
 @pytest.fixture
 def recording(made_list, tmp_path, ended):
-    """A copy to be damaged, and what calib-eval says of it."""
+    """A copy to be damaged, and the error of calib-eval for it."""
     folder = tmp_path / "list"
     shutil.copytree(made_list, folder)
 
@@ -97,7 +97,7 @@ def test_a_symbolic_link_to_a_regular_file_is_one(recording):
     assert f"{recording.cloud} does not hold whole points" in recording.refusal(), "yaml and image were read"
 
 
-def test_an_npy_that_claims_more_than_it_holds(recording):
+def test_an_npy_with_less_data_than_its_header_says(recording):
     recording.depth.unlink()
     header = b"{'descr': '<f4', 'fortran_order': False, 'shape': (65536, 65536), }"
     npy = recording.depth.with_suffix(".npy")
@@ -106,7 +106,7 @@ def test_an_npy_that_claims_more_than_it_holds(recording):
 
 
 @pytest.mark.parametrize("fields, count", [(200_000, 1), (200_000, 4096), (250, 4096)])
-def test_a_pcd_of_too_many_fields(recording, fields, count):
+def test_a_pcd_with_too_many_fields(recording, fields, count):
     recording.cloud.unlink()
     pcd = recording.cloud.with_suffix(".pcd")
     pcd.write_text(f"FIELDS x y z{' f' * fields}\nSIZE 4 4 4{' 4' * fields}\nTYPE F F F{' F' * fields}\n"
@@ -123,7 +123,7 @@ def test_images_and_clouds_that_are_too_large(recording):
     assert f"{recording.image} is 1000000 x 1000000 pixels" in recording.refusal()
 
 
-def test_yaml_that_nests_or_repeats_itself_without_end(recording):
+def test_deeply_nested_or_recursive_yaml(recording):
     laughs = "a0: &a0 [x, x, x]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 40))
     for text in ("[" * 400_000, "{a: " * 400_000, "- " * 400_000, laughs, "&a [*a, *a]", "camera: " + "[" * 100_000):
         recording.yaml.write_text(text)
@@ -149,7 +149,7 @@ def test_a_drive_of_kitti_is_read_from_regular_files_alone(ended, tmp_path):
         assert done.exit == FAILED and "calib_cam_to_cam.txt: cannot be read: it is a FIFO" in done.err
 
 
-def test_a_result_is_drawn_from_regular_files_alone(ended, tmp_path):
+def test_a_result_is_read_from_regular_files_alone(ended, tmp_path):
     replace_with_fifo(tmp_path / "fifo")
     done = ended("calib-eval", "plot", tmp_path / "fifo", "--out", tmp_path / "out")
     assert done.exit == FAILED and f"{tmp_path}/fifo is no regular file" in done.err
@@ -207,7 +207,7 @@ def test_records_and_keys_are_read_from_regular_files_alone(calibctl, exported, 
 
 
 @pytest.mark.parametrize("spoil, why", NOT_REGULAR)
-def test_a_store_is_made_of_regular_files(calibctl, ended, spoil, why):
+def test_a_store_is_read_from_regular_files_alone(calibctl, ended, spoil, why):
     for suffix in ("-wal", "-shm", "-journal", ""):
         path = calibctl.store.with_name(calibctl.store.name + suffix)
         spoil(path)
@@ -244,7 +244,7 @@ def test_a_snapshot_is_a_regular_file_of_bounded_size_and_depth(calibctl, ended)
         assert why in told()
 
 
-def test_a_snapshot_of_another_age_is_told(calibctl):
+def test_a_snapshot_with_dates_centuries_away_is_shown(calibctl):
     snapshot = json.loads(calibctl.snapshot.read_text())
     for year in ("1678", "2261"):
         snapshot["pairs"][0]["since"] = f"{year}-01-01T00:00:00Z"
@@ -256,7 +256,7 @@ def test_a_snapshot_of_another_age_is_told(calibctl):
 
 @pytest.fixture
 def answered(calibctl):
-    """Asks a calibd that answers with these bytes."""
+    """Runs calibctl with a calibd that answers with these bytes."""
 
     def ask(answer, *arguments):
         with socket.socket(socket.AF_UNIX) as listener:
@@ -279,7 +279,7 @@ def answered(calibctl):
     return ask
 
 
-def test_an_answer_that_nests_without_end_is_malformed(answered):
+def test_a_deeply_nested_answer_is_malformed(answered):
     done = answered(b'{"ok": true, "status": ' + b"[" * 1_000_000, "status", "--json")
     assert done.exit == FAILED and "the answer is not an object" in done.err
     deep = b"[" * 100_000 + b"]" * 100_000
@@ -287,7 +287,7 @@ def test_an_answer_that_nests_without_end_is_malformed(answered):
     assert done.exit == FAILED and "the answer is not an object" in done.err
 
 
-def test_no_more_than_pictures_are_copied_out_and_never_through_a_link(answered, tmp_path):
+def test_only_pictures_are_copied_and_never_through_a_link(answered, tmp_path):
     pictures, secret, picture = tmp_path / "pictures", tmp_path / "secret.png", tmp_path / "picture.png"
     secret.write_text("a secret of root")
     picture.write_bytes(b"\x89PNG\r\n\x1a\npixels")

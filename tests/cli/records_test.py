@@ -1,4 +1,4 @@
-"""keygen, history, show and verify: what does not verify is never shown as if it did."""
+"""keygen, history, show and verify: a record that does not verify is never shown as if it did."""
 
 import json
 import os
@@ -17,7 +17,7 @@ def tamper(calibctl, sql):
 
 
 def is_plain(text):
-    """Nothing in it steers a terminal: no control character but the newline, and no mark that reorders text."""
+    """Nothing in it controls a terminal: no control character but the newline, and no character that reorders text."""
     return not any(c < " " and c != "\n" or "\x7f" <= c < "\xa0" or c in "\u202e\u2066" for c in text)
 
 
@@ -60,7 +60,7 @@ def test_history_of_an_unknown_pair_is_not_found(calibctl):
     assert history.exit == NOT_FOUND and is_plain(history.err)
 
 
-def test_show_says_the_signs_of_a_change_as_words(calibctl):
+def test_show_has_words_for_the_signs_of_a_change(calibctl):
     shown = calibctl("show")
     assert shown.exit == DONE
     for words in ("Record          : 3, verified", "Roll            : 0.25 degrees left side down",
@@ -73,12 +73,12 @@ def test_show_says_the_signs_of_a_change_as_words(calibctl):
 
 @pytest.mark.parametrize("arguments, exit_code", [(["show", "4"], NOT_FOUND), (["show", "0"], USAGE),
                                                   (["show", "-1"], USAGE), (["show", "x"], USAGE)])
-def test_a_record_that_is_not_there(calibctl, arguments, exit_code):
+def test_a_missing_record_is_not_found(calibctl, arguments, exit_code):
     shown = calibctl(*arguments)
     assert shown.exit == exit_code and shown.out == "" and shown.err != ""
 
 
-def test_text_from_outside_does_not_steer_the_terminal(calibctl):
+def test_untrusted_text_does_not_control_the_terminal(calibctl):
     for command in (["history"], ["show", "2"], ["show", "2", "--json"], ["status"], ["status", "--json"]):
         shown = calibctl(*command)
         assert is_plain(shown.out), command
@@ -96,15 +96,15 @@ def test_the_json_of_a_record_is_the_record(calibctl, schema, tmp_path):
         assert canonical == (tmp_path / "out" / f"00000{sequence}.json").read_bytes()
 
 
-def test_a_baseline_is_shown_verified_and_no_change(bare, bin_dir, schema, tmp_path):
+def test_a_baseline_is_shown_verified_and_without_a_change(bare, bin_dir, schema, tmp_path):
     assert bare("keygen", "--out", bare.key).exit == DONE
     write_store(bin_dir, bare, "calibrated", "baseline")
     assert bare("verify").exit == DONE
     shown = bare("show")
     for words in ("Record          : 4, verified", "Decision        : baseline",
-                  "Baseline        : of 20 pairs, score 1.25000, sigma 0.06250",
-                  "Yaw             : slope 0.00873, sigma 0.03491, per degree; answers to a shift with 0.03046, sigma 0.00305",
-                  "X               : slope 0.00500, sigma 0.02000, per cm; answers to a shift with 0.01000, sigma 0.00100"):
+                  "Baseline        : from 20 pairs, score 1.25000, sigma 0.06250",
+                  "Yaw             : slope 0.00873, sigma 0.03491, per degree; sensitivity 0.03046, sigma 0.00305",
+                  "X               : slope 0.00500, sigma 0.02000, per cm; sensitivity 0.01000, sigma 0.00100"):
         assert words in shown.out, shown.out
     assert "Change" not in shown.out
     assert "front  baseline, asked by calibd: what is normal was learned" in bare("history").out
@@ -128,7 +128,7 @@ def test_an_exported_record_can_be_verified_with_minisign_and_sha256sum_alone(ca
         expected = sha256sum(out / f"{sequence - 1:06}.json") if sequence > 1 else "0" * 64
         assert json.loads(file.read_text())["previous_sha256"] == expected
 
-def test_an_export_keeps_what_is_there(calibctl, tmp_path):
+def test_an_export_replaces_no_file(calibctl, tmp_path):
     out = tmp_path / "out"
     assert calibctl("show", "1", "--export", out).exit == DONE
     record, signature = out / "000001.json", out / "000001.json.minisig"
@@ -141,12 +141,12 @@ def test_an_export_keeps_what_is_there(calibctl, tmp_path):
     for path in (record, signature):
         path.write_text("another record")
         kept = calibctl("show", "1", "--export", out)
-        assert kept.exit == FAILED and f"{path} is there already" in kept.err and kept.out == ""
+        assert kept.exit == FAILED and f"{path} exists already" in kept.err and kept.out == ""
         assert path.read_text() == "another record"
         path.unlink()
 
 
-def test_an_export_goes_through_no_link_that_lies_in_wait(calibctl, tmp_path):
+def test_an_export_follows_no_symbolic_link(calibctl, tmp_path):
     out, good, target = tmp_path / "out", tmp_path / "good", tmp_path / "target"
     out.mkdir()
     assert calibctl("show", "1", "--export", good).exit == DONE
@@ -158,7 +158,7 @@ def test_an_export_goes_through_no_link_that_lies_in_wait(calibctl, tmp_path):
                 target.write_text(content)
             (out / name).symlink_to(target)
             refused = calibctl("show", "1", "--export", out)
-            assert refused.exit == FAILED and f"{out / name} is there already" in refused.err
+            assert refused.exit == FAILED and f"{out / name} exists already" in refused.err
             assert (target.read_text() if target.exists() else None) == content
             (out / name).unlink()
     (out / "000001.json").unlink()
@@ -175,7 +175,7 @@ def test_an_export_goes_through_no_link_that_lies_in_wait(calibctl, tmp_path):
         (tmp_path / "elsewhere").mkdir()
         os.lchown(tmp_path / "theirs", 65534, 65534)
         refused = calibctl("show", "1", "--export", tmp_path / "theirs")
-        assert refused.exit == FAILED and "is a link that another user has made" in refused.err
+        assert refused.exit == FAILED and "is a link that another user created" in refused.err
         assert not list((tmp_path / "elsewhere").iterdir())
 
 
@@ -202,7 +202,7 @@ def test_exported_records_verify_in_any_order_and_with_gaps(calibctl, tmp_path):
     assert calibctl("verify", record).exit == NOT_FOUND
 
 
-def test_signed_records_of_two_histories_do_not_make_one(calibctl, bin_dir, tmp_path):
+def test_signed_records_of_two_chains_do_not_verify_together(calibctl, bin_dir, tmp_path):
     out = tmp_path / "out"
     calibctl("show", "1", "--export", out)
     # The same key and another history: record 2 of a store whose record 1 says something else.
@@ -213,14 +213,14 @@ def test_signed_records_of_two_histories_do_not_make_one(calibctl, bin_dir, tmp_
     subprocess.run(["minisign", "-S", "-s", calibctl.key, "-m", forged], check=True, capture_output=True)
     assert calibctl("verify", forged).exit == DONE
     both = calibctl("verify", out / "000001.json", forged)
-    assert both.exit == NO and "do not follow each other" in both.err
+    assert both.exit == NO and "does not continue the first" in both.err
 
 
 @pytest.mark.parametrize("sql", [
     "UPDATE record SET canonical = replace(canonical, 'rejected', 'accepted') WHERE sequence = 2",
     "UPDATE record SET signature = (SELECT signature FROM record WHERE sequence = 1) WHERE sequence = 2",
     "DELETE FROM record WHERE sequence = 2"])
-def test_a_record_that_was_touched_is_never_shown(calibctl, sql):
+def test_an_altered_record_is_never_shown(calibctl, sql):
     tamper(calibctl, sql)
     verified = calibctl("verify")
     assert verified.exit == NO and verified.out == "" and "record 2 does not verify" in verified.err
@@ -234,7 +234,7 @@ def test_a_record_that_was_touched_is_never_shown(calibctl, sql):
     assert not (calibctl.folder / "out").exists()
 
 
-def test_another_key_is_named(calibctl, tmp_path):
+def test_the_error_for_another_key_names_it(calibctl, tmp_path):
     other = tmp_path / "other.key"
     assert calibctl("keygen", "--out", other).exit == DONE
     signer, calibctl.public_key = calibctl.public_key, tmp_path / "other.pub"
@@ -244,7 +244,7 @@ def test_another_key_is_named(calibctl, tmp_path):
     assert f"signed by key {ids[0]}, you have {ids[1]}" in verified.err
 
 
-def test_things_that_are_not_there_are_not_found(bare, bin_dir):
+def test_missing_files_are_not_found(bare, bin_dir):
     for command in (["verify"], ["history"], ["show"]):
         missing = bare(*command)
         assert missing.exit == NOT_FOUND and missing.out == ""
@@ -255,7 +255,7 @@ def test_things_that_are_not_there_are_not_found(bare, bin_dir):
         assert bare(*command).exit == NOT_FOUND
 
 
-def test_a_store_that_is_none_fails(calibctl):
+def test_an_invalid_store_is_a_failure(calibctl):
     calibctl.store.write_bytes(b"this is no database " * 100)
     assert calibctl("verify").exit == FAILED
 

@@ -16,7 +16,7 @@ from conftest import DONE, FAILED, NO, NOT_FOUND, USAGE, write_store
 
 
 class Peer:
-    """Something that listens where calibd would, and sends the given bytes to whoever asks."""
+    """Listens in place of calibd and sends the given bytes to each client."""
 
     def __init__(self, path, reply):
         self.questions = []
@@ -44,7 +44,7 @@ class Peer:
                 try:
                     connection.sendall(self.reply)
                 except OSError:
-                    pass  # the asker had enough
+                    pass  # the client closed the connection
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def peer(calibctl):
         each.close()
 
 
-def test_the_snapshot_of_a_dead_daemon_is_shown_as_that(calibctl, schema):
+def test_the_snapshot_of_a_daemon_that_does_not_run_is_shown_as_such(calibctl, schema):
     os.utime(calibctl.snapshot, (time.time() - 90, time.time() - 90))
     shown = calibctl("status", "--json")
     assert shown.exit == NOT_FOUND
@@ -75,11 +75,11 @@ def test_the_snapshot_of_a_dead_daemon_is_shown_as_that(calibctl, schema):
     assert "NOT RUNNING; this is its last snapshot, 9" in text.out
 
 
-def test_status_says_signs_as_words_and_aligns_its_colons(calibctl):
+def test_status_has_words_for_signs_and_aligned_colons(calibctl):
     out = calibctl("status").out
-    for words in ("Verdict         : calibrated\n", "Roll            : 0.10 degrees right side down, sigma 0.06, detection limit 0.11",
+    for words in ("Verdict         : calibrated\n", "Roll            : 0.10 degrees right side down, sigma 0.06; detection limit 0.11",
                   "Pitch           : 0.20 degrees nose up", "Yaw             : 0.60 degrees to the left",
-                  "X               : not observable\n", "Y               : 2.0 cm to the left, sigma 0.1, detection limit 0.2\n",
+                  "X               : not observable\n", "Y               : 2.0 cm to the left, sigma 0.1; detection limit 0.2\n",
                   "Z               : 0.0 cm, sigma",
                   "Skipped         : 4 (dark 1, low_overlap 3)", "Image           : /camera/left/image, 0.2 s ago",
                   "Cloud           : /lidar/points, never seen", "12.5 ms, cloud before image", "verified"):
@@ -110,7 +110,7 @@ def test_status_lines_are_short_and_each_detail_has_a_line_of_its_own(calibctl, 
 @pytest.mark.parametrize("change", [
     {"since_boot_s": -3601}, {"since_boot_s": 3600}, {"boot_id": "of another boot"}, {"pairs": 2}, {"not_written": "disk full"},
     None], ids=str)
-def test_a_verdict_without_sound_evidence_is_not_shown_whoever_wrote_it(calibctl, peer, schema, change):
+def test_a_verdict_without_valid_evidence_is_not_shown(calibctl, peer, schema, change):
     status = json.loads(calibctl.snapshot.read_text())
     pair = status["pairs"][0]
     if change is None:
@@ -148,7 +148,7 @@ def test_a_record_that_does_not_verify_is_not_shown_as_verified(calibctl, spoil)
     lambda pair: pair["record"].__setitem__("sequence", 2),
     lambda pair: pair["record"].__setitem__("sequence", 4),
     lambda pair: pair.__setitem__("name", "rear")])
-def test_a_snapshot_that_does_not_fit_its_record_is_not_verified(calibctl, change):
+def test_a_snapshot_that_differs_from_its_record_is_not_verified(calibctl, change):
     status = json.loads(calibctl.snapshot.read_text())
     change(status["pairs"][0])
     calibctl.snapshot.write_text(json.dumps(status))
@@ -157,7 +157,7 @@ def test_a_snapshot_that_does_not_fit_its_record_is_not_verified(calibctl, chang
     assert json.loads(shown.out)["pairs"][0]["record"]["verified"] is False
 
 
-def test_a_snapshot_that_cannot_be_checked_is_nobodys_word(calibctl):
+def test_a_snapshot_that_cannot_be_checked_is_verified_by_nobody(calibctl):
     calibctl.public_key.unlink()
     shown = calibctl("status", "--json")
     assert shown.exit == NOT_FOUND
@@ -165,7 +165,7 @@ def test_a_snapshot_that_cannot_be_checked_is_nobodys_word(calibctl):
     assert record["verified"] is False and record["verified_by"] == "nobody"
 
 
-def test_a_running_daemons_word_is_told_from_calibctls_own_check(calibctl, peer, schema):
+def test_verification_by_the_daemon_is_distinguished_from_that_by_calibctl(calibctl, peer, schema):
     peer({"ok": True, "status": json.loads(calibctl.snapshot.read_text())})
     status = json.loads(calibctl("status", "--json").out)
     schema("status", status)
@@ -177,7 +177,7 @@ def test_a_running_daemons_word_is_told_from_calibctls_own_check(calibctl, peer,
 
 
 @pytest.mark.parametrize("verdict, exit_code", [("calibrated", DONE), ("suspect", NO), ("drifted", NO), ("not_evaluated", NO)])
-def test_the_verdict_is_the_exit_code_when_asked_for(calibctl, bin_dir, peer, verdict, exit_code):
+def test_the_exit_code_follows_the_verdict_on_request(calibctl, bin_dir, peer, verdict, exit_code):
     calibctl.store.unlink()
     write_store(bin_dir, calibctl, verdict)
     peer({"ok": True, "status": json.loads(calibctl.snapshot.read_text())})
@@ -192,7 +192,7 @@ def test_no_daemon_and_no_snapshot(bare):
 
 
 @pytest.mark.parametrize("content", [b"", b"{}", b"[1,2]", b"\xff\xfe", b'{"schema":2}', b"[" * 100_000])
-def test_a_snapshot_that_is_none_fails(calibctl, content):
+def test_an_invalid_snapshot_is_a_failure(calibctl, content):
     calibctl.snapshot.write_bytes(content)
     ended = calibctl("status")
     assert ended.exit == FAILED and ended.out == ""
@@ -201,7 +201,7 @@ def test_a_snapshot_that_is_none_fails(calibctl, content):
 @pytest.mark.parametrize("reply", [
     b"", b"\n", b"hello\n", b"{}\n", b"[]\n", b'{"ok":1}\n', b'{"ok":false}\n', b'{"ok":true}\n', b'{"ok":true,"status":7}\n',
     b'{"ok":true,"status":{}}', b'{"ok":false,"code":1,"message":2}\n', b"\xff\n", b"x" * (5 << 20)])
-def test_a_peer_that_answers_nonsense_is_a_failure(calibctl, peer, reply):
+def test_an_invalid_answer_is_a_failure(calibctl, peer, reply):
     peer(reply)
     for command in (["status"], ["recalibrate", "front"], ["accept", "front"], ["rollback", "front"], ["doctor"]):
         ended = calibctl(*command)
@@ -210,7 +210,7 @@ def test_a_peer_that_answers_nonsense_is_a_failure(calibctl, peer, reply):
 
 @pytest.mark.parametrize("code, exit_code", [("not_found", NOT_FOUND), ("bad_request", USAGE), ("not_ready", FAILED),
                                              ("denied", FAILED), ("failed", FAILED)])
-def test_a_refusal_has_its_exit_code_and_its_words(calibctl, peer, code, exit_code):
+def test_a_refusal_has_an_exit_code_and_prints_its_message(calibctl, peer, code, exit_code):
     peer({"ok": False, "code": code, "message": "because \x1b[31m"})
     ended = calibctl("recalibrate", "front")
     assert ended.exit == exit_code and ended.err == "calibctl: because \\x1b[31m\n"
@@ -225,14 +225,14 @@ RESULT = {"T_camera_lidar": {"translation_m": [0, 0, 0], "quaternion_xyzw": [0, 
     ({"answer": "accepted"}, DONE), ({"answer": "proposed"}, DONE), ({"answer": "rolled_back"}, DONE),
     ({"answer": "rejected"}, NO), ({"answer": "dry_run", "would": "accepted"}, DONE),
     ({"answer": "dry_run", "would": "rejected"}, NO)])
-def test_what_was_decided_is_the_exit_code(calibctl, peer, answer, exit_code):
+def test_the_exit_code_follows_the_decision(calibctl, peer, answer, exit_code):
     peer({"ok": True, "reason": "words", "record": 4, "result": RESULT, **answer})
     ended = calibctl("recalibrate", "front")
     assert ended.exit == exit_code
     assert "1.00 degrees to the right" in ended.out and "2.0 cm up" in ended.out
 
 
-def examination(**results):
+def diagnosis(**results):
     return {"ok": True, "overlays": [], "checks": [
         {"pair": "front", "check": check, "result": result, "seen": "words \x1b[31m",
          **({"code": "code", "cause": "of it", "remedy": "for it"} if result in ("problem", "warning") else {})}
@@ -243,8 +243,8 @@ def examination(**results):
     ({"extrinsic": "ok", "agreement": "ok", "lens": "not_checked"}, DONE), ({"agreement": "ok", "scene": "warning"}, DONE),
     ({"extrinsic": "ok", "agreement": "ok", "lens": "problem"}, FAILED), ({"extrinsic": "not_checked"}, NO),
     ({"extrinsic": "ok", "agreement": "not_checked", "scene": "warning"}, NO)])
-def test_what_the_doctor_found_is_the_exit_code(calibctl, peer, results, exit_code):
-    peer(examination(**results))
+def test_the_exit_code_follows_the_findings(calibctl, peer, results, exit_code):
+    peer(diagnosis(**results))
     ended = calibctl("doctor")
     assert ended.exit == exit_code
     assert "\x1b" not in ended.out and ": words \\x1b[31m\n" in ended.out
@@ -252,15 +252,15 @@ def test_what_the_doctor_found_is_the_exit_code(calibctl, peer, results, exit_co
 
 @pytest.mark.parametrize("reply", [
     {"ok": True, "checks": [], "overlays": []}, {"ok": True, "checks": [{"pair": "front"}], "overlays": []},
-    {**examination(extrinsic="splendid")}, {**examination(extrinsic="ok"), "overlays": [7]}])
-def test_an_examination_that_is_not_understood_is_a_failure(calibctl, peer, reply):
+    {**diagnosis(extrinsic="splendid")}, {**diagnosis(extrinsic="ok"), "overlays": [7]}])
+def test_an_invalid_diagnosis_is_a_failure(calibctl, peer, reply):
     peer(reply)
     ended = calibctl("doctor")
     assert ended.exit == FAILED and ended.out == "" and "not understood" in ended.err
 
 
 def test_a_picture_that_cannot_be_copied_is_a_failure(calibctl, peer, tmp_path):
-    peer({**examination(agreement="ok"), "overlays": [{"pair": "front", "file": "/nowhere/front.png"}]})
+    peer({**diagnosis(agreement="ok"), "overlays": [{"pair": "front", "file": "/nowhere/front.png"}]})
     ended = calibctl("doctor", "--overlay", tmp_path / "pictures")
     assert ended.exit == FAILED and "/nowhere/front.png cannot be copied" in ended.err
 
@@ -274,7 +274,7 @@ def test_a_picture_that_cannot_be_copied_is_a_failure(calibctl, peer, tmp_path):
     (["accept", 'a "pair"'], {"request": "accept", "pair": 'a "pair"'}),
     (["rollback", "front"], {"request": "rollback", "pair": "front", "to": None}),
     (["rollback", "front", "--to", "3"], {"request": "rollback", "pair": "front", "to": 3})])
-def test_questions_are_the_documented_ones(calibctl, peer, arguments, question):
+def test_requests_are_the_documented_ones(calibctl, peer, arguments, question):
     listening = peer({"ok": False, "code": "failed", "message": "no"})
     calibctl(*arguments)
     assert [json.loads(line) for line in listening.questions] == [{"schema": 1, **question}]
@@ -297,7 +297,7 @@ def on_terminal(command, environment, enough):
     return seen, exit_code
 
 
-def test_watching_redraws_until_interrupted(calibctl):
+def test_watch_redraws_until_interrupted(calibctl):
     redraw = b"\x1b[H\x1b[2JVehicle"
     _, exit_code = on_terminal(calibctl.command("status", "--watch"), {"TERM": "xterm"}, lambda seen: seen.count(redraw) == 2)
     assert exit_code == DONE
@@ -316,7 +316,7 @@ def test_the_verdict_is_coloured_on_a_terminal_only(calibctl):
     assert "\x1b" not in calibctl("status").out
 
 
-def test_watching_as_json_gives_a_line_a_second(calibctl):
+def test_watch_with_json_prints_a_line_a_second(calibctl):
     with subprocess.Popen(calibctl.command("status", "--json", "--watch"), stdout=subprocess.PIPE) as running:
         first, second = (json.loads(running.stdout.readline()) for _ in range(2))
         running.send_signal(signal.SIGTERM)

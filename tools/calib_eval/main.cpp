@@ -331,7 +331,7 @@ void CommandLine::add_drift() {
       ->capture_default_str();
   added->add_option("--block", drift_.block, "Frames that stay together; default: the cube root of their number")
       ->check(whole_number(1, 10000));
-  added->add_flag("--guessed-depth", drift_.monocular_depth,
+  added->add_flag("--monocular-depth", drift_.monocular_depth,
                   "The depth is monocular: it is judged as that of onnx: is");
   added->add_option("--json", drift_.json, "Write the result into this file");
   added->parse_complete_callback([this, added] { finish_drift(*added); });

@@ -10,20 +10,20 @@
 
 namespace calib::ctl {
 
-/// What a command ends with; part of the interface, see calibctl(1).
+/// Exit status of a command; part of the interface, see calibctl(1).
 enum class Exit {
   done = 0,
   failed = 1,
   usage = 2,
-  not_found = 3,  // the daemon does not run, or the thing asked for is not there
-  no = 4,         // answered, and the answer is no
+  not_found = 3,  // the daemon does not run, or what was asked for does not exist
+  no = 4,         // the answer is no: not verified, rejected, not calibrated, ...
 };
 
-/// Where calibd's things are.
-struct Places {
+/// Of calibd's files.
+struct Paths {
   std::filesystem::path socket, state_dir, public_key;
   [[nodiscard]] std::filesystem::path store() const { return state_dir / "calibd.db"; }
-  /// calibd's default for `head_dir`.
+  /// In calibd's default of `head_dir`.
   [[nodiscard]] std::filesystem::path chain_head() const {
     const auto folder = state_dir.has_filename() ? state_dir : state_dir.parent_path();
     return std::filesystem::path(folder.string() + "-head") / "chain-head.json";
@@ -31,40 +31,40 @@ struct Places {
   [[nodiscard]] std::filesystem::path snapshot() const { return socket.parent_path() / "status.json"; }
 };
 
-/// The exit that an error's code stands for.
+/// The exit status for an error.
 [[nodiscard]] Exit exit_for(const Error& error);
-/// Says `error` on standard error and returns `exit_for` it.
-Exit complain(const Error& error);
+/// Prints `error` to standard error and returns its exit status.
+Exit print_error(const Error& error);
 
 struct StatusOptions {
   bool json = false, watch = false, exit_code = false;
 };
-Exit status(const Places& places, const StatusOptions& options);
+Exit status(const Paths& paths, const StatusOptions& options);
 
-/// Records of one pair, or of all when `pair` is empty.
-Exit history(const Places& places, const std::string& pair);
+/// Lists the records of one pair, or of all when `pair` is empty.
+Exit history(const Paths& paths, const std::string& pair);
 
 struct ShowOptions {
-  std::optional<std::uint64_t> sequence;  // the last one when none
+  std::optional<std::uint64_t> sequence;  // of the last record by default
   bool json = false;
   std::filesystem::path export_to;  // nothing is exported when empty
 };
-Exit show(const Places& places, const ShowOptions& options);
+Exit show(const Paths& paths, const ShowOptions& options);
 
-/// The whole chain of the store, or `files` (exported records, in any order).
-Exit verify(const Places& places, const std::vector<std::filesystem::path>& files);
+/// Verifies `files` (exported records, in any order), or the whole chain of the store when there are none.
+Exit verify(const Paths& paths, const std::vector<std::filesystem::path>& files);
 
-Exit recalibrate(const Places& places, const std::string& pair, bool dry_run);
-Exit accept(const Places& places, const std::string& pair);
-Exit roll_back(const Places& places, const std::string& pair, std::optional<std::uint64_t> to);
+Exit recalibrate(const Paths& paths, const std::string& pair, bool dry_run);
+Exit accept(const Paths& paths, const std::string& pair);
+Exit roll_back(const Paths& paths, const std::string& pair, std::optional<std::uint64_t> to);
 
 struct DoctorOptions {
   std::string pair;  // all when empty
   bool json = false;
   std::filesystem::path overlay_dir;  // pictures stay where calibd writes them when empty
 };
-/// Lets calibd examine itself and its sensors.
-Exit doctor(const Places& places, const DoctorOptions& options);
+/// Lets calibd run its diagnostics.
+Exit doctor(const Paths& paths, const DoctorOptions& options);
 
 Exit check_config(const std::filesystem::path& file);
 Exit keygen(const std::filesystem::path& file);

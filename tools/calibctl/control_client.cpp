@@ -40,7 +40,7 @@ Result<FileDescriptor> connect_to(const std::filesystem::path& path) {
   const std::string why = path.string() + ": " + std::strerror(errno);
   if (errno == ENOENT || errno == ECONNREFUSED || errno == ENOTDIR)
     return fail(ErrorCode::daemon_not_running, "calibd does not run: " + why);
-  return fail(errno == EACCES ? ErrorCode::denied : ErrorCode::failed, "calibd cannot be asked: " + why);
+  return fail(errno == EACCES ? ErrorCode::denied : ErrorCode::failed, "calibd cannot be reached: " + why);
 }
 
 bool send_all(int socket, std::string_view line) {
@@ -53,7 +53,7 @@ bool send_all(int socket, std::string_view line) {
 }
 
 /// The reply without its newline.
-Result<std::string> receive_line(int socket, std::chrono::seconds patience,
+Result<std::string> receive_line(int socket, std::chrono::seconds timeout,
                                  const std::function<void(std::chrono::seconds)>& waiting) {
   const auto start = Clock::now();
   std::string line;
@@ -64,13 +64,14 @@ Result<std::string> receive_line(int socket, std::chrono::seconds patience,
     const auto waited = std::chrono::duration_cast<std::chrono::seconds>(Clock::now() - start);
     if (ready == 0) {
       waiting(waited);
-      if (waited >= patience)
+      if (waited >= timeout)
         return fail(ErrorCode::no_answer, "calibd has not answered for " + std::to_string(waited.count()) + " s");
     }
     if (ready <= 0) continue;
     const ssize_t received = ::read(socket, buffer.data(), buffer.size());
     if (received < 0 && errno == EINTR) continue;
-    if (received <= 0) return fail(ErrorCode::malformed_reply, "calibd closed the connection without a whole answer");
+    if (received <= 0)
+      return fail(ErrorCode::malformed_reply, "calibd closed the connection before the answer was complete");
     line.append(buffer.data(), static_cast<std::size_t>(received));
     if (const auto end = line.find('\n'); end != std::string::npos) return line.substr(0, end);
     if (line.size() > max_reply_bytes) return fail(ErrorCode::malformed_reply, "the answer is longer than 4 MiB");
@@ -80,12 +81,12 @@ Result<std::string> receive_line(int socket, std::chrono::seconds patience,
 }  // namespace
 
 Result<nlohmann::json> ask(const std::filesystem::path& path, const nlohmann::json& question,
-                           std::chrono::seconds patience, const std::function<void(std::chrono::seconds)>& waiting) {
+                           std::chrono::seconds timeout, const std::function<void(std::chrono::seconds)>& waiting) {
   const auto socket = connect_to(path);
   if (!socket) return propagate(socket);
   if (!send_all(socket->number, question.dump() + '\n'))
-    return fail(ErrorCode::no_answer, std::string("calibd hung up: ") + std::strerror(errno));
-  const auto line = receive_line(socket->number, patience, waiting);
+    return fail(ErrorCode::no_answer, std::string("calibd closed the connection: ") + std::strerror(errno));
+  const auto line = receive_line(socket->number, timeout, waiting);
   if (!line) return propagate(line);
   nlohmann::json reply = parse_json(*line);
   if (!reply.is_object() || !reply.contains("ok") || !reply["ok"].is_boolean())
@@ -93,7 +94,7 @@ Result<nlohmann::json> ask(const std::filesystem::path& path, const nlohmann::js
   if (reply["ok"].get<bool>()) return reply;
   if (!reply.contains("code") || !reply["code"].is_string() || !reply.contains("message") ||
       !reply["message"].is_string())
-    return fail(ErrorCode::malformed_reply, "calibd refused without saying why");
+    return fail(ErrorCode::malformed_reply, "calibd refused the request without a reason");
   const auto code = parse_error_code(reply["code"].get_ref<const std::string&>());
   return fail(code.value_or(ErrorCode::failed), reply["message"].get<std::string>());
 }

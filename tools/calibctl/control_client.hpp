@@ -9,14 +9,14 @@
 
 namespace calib::ctl {
 
-/// Asks calibd one question (proto/control.md) and returns its reply, an object with "ok": true. `waiting` is
-/// called about once a second while there is no reply. Fails with `daemon_not_running`, `denied`,
-/// `no_answer`, `malformed_reply`, or with the code of calibd's refusal; `failed` where this version does not know it.
+/// Sends a request (proto/control.md) to calibd and returns the reply, an object with "ok": true. Calls `waiting` about
+/// once a second until the reply arrives. Fails with `daemon_not_running`, `denied`, `no_answer`, `malformed_reply`, or
+/// with the code of calibd's refusal; a code that this version does not know is `failed`.
 [[nodiscard]] Result<nlohmann::json> ask(const std::filesystem::path& socket, const nlohmann::json& question,
-                                         std::chrono::seconds patience,
+                                         std::chrono::seconds timeout,
                                          const std::function<void(std::chrono::seconds)>& waiting);
 
-/// For `waiting`: a line on standard error that tells of it, where that is a terminal; and away with it.
+/// For `waiting`: shows a line on standard error, if that is a terminal, and removes it.
 void show_waiting(std::chrono::seconds waited);
 void clear_waiting();
 

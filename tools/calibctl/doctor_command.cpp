@@ -13,8 +13,8 @@ namespace {
 
 using nlohmann::json;
 
-/// A pair is listened to for some seconds, and its depth computed several times.
-constexpr std::chrono::minutes examination_patience{10};
+/// calibd listens to each pair for some seconds and estimates depth several times.
+constexpr std::chrono::minutes diagnosis_timeout{10};
 
 struct Check {
   std::string pair, check, result, seen, cause, remedy;
@@ -24,38 +24,38 @@ struct Overlay {
   std::string pair, file;
 };
 
-struct Examination {
+struct Diagnosis {
   std::vector<Check> checks;
   std::vector<Overlay> overlays;
 };
 
-/// In the order in which they matter.
+/// Most important first.
 constexpr std::array<std::string_view, 4> results{"problem", "warning", "not_checked", "ok"};
 
-Result<Examination> understood(const json& reply) {
-  Examination examination;
+Result<Diagnosis> parse_diagnosis(const json& reply) {
+  Diagnosis diagnosis;
   try {
     for (const json& check : reply.at("checks")) {
       const auto words = [&](const char* key) { return check.value(key, std::string()); };
-      examination.checks.push_back({check.at("pair").get<std::string>(), check.at("check").get<std::string>(),
-                                    check.at("result").get<std::string>(), check.at("seen").get<std::string>(),
-                                    words("cause"), words("remedy")});
+      diagnosis.checks.push_back({check.at("pair").get<std::string>(), check.at("check").get<std::string>(),
+                                  check.at("result").get<std::string>(), check.at("seen").get<std::string>(),
+                                  words("cause"), words("remedy")});
     }
     for (const json& overlay : reply.at("overlays"))
-      examination.overlays.push_back({overlay.at("pair").get<std::string>(), overlay.at("file").get<std::string>()});
+      diagnosis.overlays.push_back({overlay.at("pair").get<std::string>(), overlay.at("file").get<std::string>()});
   } catch (const json::exception& error) {
     return fail(ErrorCode::malformed_reply,
                 std::string("calibd answered in a form that is not understood: ") + error.what());
   }
   const bool known = std::ranges::all_of(
-      examination.checks, [](const Check& check) { return std::ranges::find(results, check.result) != results.end(); });
-  if (examination.checks.empty() || !known)
+      diagnosis.checks, [](const Check& check) { return std::ranges::find(results, check.result) != results.end(); });
+  if (diagnosis.checks.empty() || !known)
     return fail(ErrorCode::malformed_reply, "calibd answered with no check, or with a result that is not understood");
-  return examination;
+  return diagnosis;
 }
 
-std::size_t count(const Examination& examination, std::string_view result, std::string_view pair = "") {
-  return static_cast<std::size_t>(std::ranges::count_if(examination.checks, [&](const Check& check) {
+std::size_t count(const Diagnosis& diagnosis, std::string_view result, std::string_view pair = "") {
+  return static_cast<std::size_t>(std::ranges::count_if(diagnosis.checks, [&](const Check& check) {
     return check.result == result && (pair.empty() || check.pair == pair);
   }));
 }
@@ -76,30 +76,30 @@ void check_lines(Text& text, const Check& check) {
   if (!check.remedy.empty()) text.line("  remedy", check.remedy);
 }
 
-void pair_lines(Text& text, const Examination& examination, const std::string& pair) {
+void pair_lines(Text& text, const Diagnosis& diagnosis, const std::string& pair) {
   text.line("Pair", pair);
-  text.line("Found", counted(count(examination, "problem", pair), "problem") + ", " +
-                         counted(count(examination, "warning", pair), "warning"));
+  text.line("Found", counted(count(diagnosis, "problem", pair), "problem") + ", " +
+                         counted(count(diagnosis, "warning", pair), "warning"));
   for (const std::string_view result : results)
-    for (const Check& check : examination.checks)
+    for (const Check& check : diagnosis.checks)
       if (check.pair == pair && check.result == result) check_lines(text, check);
-  for (const Overlay& overlay : examination.overlays)
+  for (const Overlay& overlay : diagnosis.overlays)
     if (overlay.pair == pair) text.line("Picture", overlay.file);
 }
 
-std::string examination_text(const Examination& examination) {
+std::string diagnosis_text(const Diagnosis& diagnosis) {
   Text text(/*coloured=*/false);
   std::vector<std::string> pairs;
-  for (const Check& check : examination.checks)
+  for (const Check& check : diagnosis.checks)
     if (std::ranges::find(pairs, check.pair) == pairs.end()) pairs.push_back(check.pair);
   for (const std::string& pair : pairs) {
     if (pair != pairs.front()) text.blank();
-    pair_lines(text, examination, pair);
+    pair_lines(text, diagnosis, pair);
   }
   return text.str();
 }
 
-/// Whoever asks may be root: no other file is copied out because calibd names it.
+/// calibctl may run as root, so a reply must not make it copy any file but a picture.
 Result<std::string> read_picture(const std::filesystem::path& file) {
   constexpr std::uint64_t most_bytes = 256 << 20;
   auto bytes = read_regular_file(file, most_bytes);
@@ -107,11 +107,10 @@ Result<std::string> read_picture(const std::filesystem::path& file) {
   return bytes;
 }
 
-/// Copies the pictures out of calibd's own folder, and lets the answer name the copies.
-Result<void> take_overlays(json& reply, const std::filesystem::path& folder) {
+/// Copies the pictures from calibd's folder, and replaces their names in the reply by those of the copies.
+Result<void> copy_overlays(json& reply, const std::filesystem::path& folder) {
   std::error_code error;
-  if (is_foreign_link(folder))
-    return fail(ErrorCode::failed, folder.string() + " is a link that another user has made");
+  if (is_foreign_link(folder)) return fail(ErrorCode::failed, folder.string() + " is a link that another user created");
   std::filesystem::create_directories(folder, error);
   for (json& overlay : reply["overlays"]) {
     const std::filesystem::path from = overlay["file"].get<std::string>();
@@ -128,34 +127,34 @@ Result<void> take_overlays(json& reply, const std::filesystem::path& folder) {
 Error with_remedy(Error error) {
   if (error.code == ErrorCode::daemon_not_running)
     error.context +=
-        "; why, say: calibctl check-config /etc/calibd/calibd.yaml, systemctl status calibd, "
+        "; to find out why: calibctl check-config /etc/calibd/calibd.yaml, systemctl status calibd, "
         "journalctl -u calibd";
   return error;
 }
 
 }  // namespace
 
-Exit doctor(const Places& places, const DoctorOptions& options) {
+Exit doctor(const Paths& paths, const DoctorOptions& options) {
   const json pair = options.pair.empty() ? json() : json(options.pair);
   auto reply =
-      ask(places.socket, {{"schema", 1}, {"request", "doctor"}, {"pair", pair}}, examination_patience, show_waiting);
+      ask(paths.socket, {{"schema", 1}, {"request", "doctor"}, {"pair", pair}}, diagnosis_timeout, show_waiting);
   clear_waiting();
-  if (!reply) return complain(with_remedy(reply.error()));
-  auto examination = understood(*reply);
-  if (!examination) return complain(examination.error());
+  if (!reply) return print_error(with_remedy(reply.error()));
+  auto diagnosis = parse_diagnosis(*reply);
+  if (!diagnosis) return print_error(diagnosis.error());
   Result<void> taken;
   if (!options.overlay_dir.empty()) {
-    taken = take_overlays(*reply, options.overlay_dir);
-    examination = understood(*reply);
+    taken = copy_overlays(*reply, options.overlay_dir);
+    diagnosis = parse_diagnosis(*reply);
   }
-  std::cout << (options.json ? json_text(*reply, 2) : examination_text(*examination));
-  if (!taken) return complain(taken.error());
-  if (count(*examination, "problem") > 0) return Exit::failed;
-  // A pair of which nothing could be judged is not well.
-  const bool judged = std::ranges::all_of(examination->checks, [](const Check& check) {
+  std::cout << (options.json ? json_text(*reply, 2) : diagnosis_text(*diagnosis));
+  if (!taken) return print_error(taken.error());
+  if (count(*diagnosis, "problem") > 0) return Exit::failed;
+  // A pair whose calibration could not be checked is not reported as good.
+  const bool checked = std::ranges::all_of(diagnosis->checks, [](const Check& check) {
     return check.result != "not_checked" || (check.check != "agreement" && check.check != "extrinsic");
   });
-  return judged ? Exit::done : Exit::no;
+  return checked ? Exit::done : Exit::no;
 }
 
 }  // namespace calib::ctl

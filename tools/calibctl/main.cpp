@@ -29,7 +29,7 @@ Exit exit_for(const Error& error) {
   }
 }
 
-Exit complain(const Error& error) {
+Exit print_error(const Error& error) {
   std::cout << std::flush;
   std::cerr << "calibctl: " << escape_control(error.context) << '\n';
   return exit_for(error);
@@ -37,7 +37,7 @@ Exit complain(const Error& error) {
 
 namespace {
 
-Places default_places() {
+Paths default_paths() {
   const char* const runtime = std::getenv("RUNTIME_DIRECTORY");
   const std::string folder = runtime != nullptr && *runtime != '\0' ? runtime : "/run/calibd";
   // systemd separates several folders with colons; the first is calibd's.
@@ -45,10 +45,10 @@ Places default_places() {
           "/etc/calibd/signing.pub"};
 }
 
-/// Everything that the command line can say.
+/// All commands and options.
 struct CommandLine {
-  CLI::App app{"Asks, shows and verifies what calibd does about a vehicle's extrinsics", "calibctl"};
-  Places places = default_places();
+  CLI::App app{"Show, verify and change what calibd does about the extrinsics of a vehicle", "calibctl"};
+  Paths paths = default_paths();
   StatusOptions status;
   ShowOptions show;
   DoctorOptions doctor;
@@ -75,21 +75,21 @@ struct CommandLine {
 CommandLine::CommandLine() {
   app.require_subcommand(1);
   app.set_version_flag("--version", "calibctl " CALIBD_VERSION);
-  app.add_option("--socket", places.socket, "Control socket of calibd; status.json lies beside it")
+  app.add_option("--socket", paths.socket, "Control socket of calibd; status.json lies beside it")
       ->capture_default_str();
-  app.add_option("--state-dir", places.state_dir, "Folder of calibd.db")->capture_default_str();
-  app.add_option("--public-key", places.public_key, "Key that records are verified with")->capture_default_str();
+  app.add_option("--state-dir", paths.state_dir, "Folder of calibd.db")->capture_default_str();
+  app.add_option("--public-key", paths.public_key, "Key that records are verified with")->capture_default_str();
 
   auto* const ask_status =
-      subcommand("status", "Show what calibd finds now", [this] { return ctl::status(places, status); });
-  ask_status->add_flag("--json", status.json, "In the form of status.schema.json");
-  ask_status->add_flag("--watch", status.watch, "Again every second, until interrupted");
+      subcommand("status", "Show the verdict of every pair", [this] { return ctl::status(paths, status); });
+  ask_status->add_flag("--json", status.json, "Print JSON as defined by status.schema.json");
+  ask_status->add_flag("--watch", status.watch, "Repeat every second, until interrupted");
   ask_status->add_flag("--exit-code", status.exit_code, "Exit with 4 unless every pair is calibrated");
   add_records();
   add_requests();
   add_doctor();
 
-  auto* const check = subcommand("check-config", "Let calibd read a configuration and say what is wrong with it",
+  auto* const check = subcommand("check-config", "Check a configuration and print the first error",
                                  [this] { return check_config(config_file); });
   check->add_option("FILE", config_file)->required();
   auto* const make_key =
@@ -98,38 +98,38 @@ CommandLine::CommandLine() {
 }
 
 void CommandLine::add_doctor() {
-  auto* const examine = subcommand("doctor", "Let calibd examine its sensors, clocks, calibration and depth",
-                                   [this] { return ctl::doctor(places, doctor); });
+  auto* const examine = subcommand("doctor", "Diagnose sensors, clocks, calibration and depth",
+                                   [this] { return ctl::doctor(paths, doctor); });
   examine->add_option("PAIR", doctor.pair, "All pairs if not given");
-  examine->add_flag("--json", doctor.json, "As proto/control.md has it");
+  examine->add_flag("--json", doctor.json, "Print JSON as defined by doctor.schema.json");
   examine->add_option("--overlay", doctor.overlay_dir, "Copy the pictures into this folder");
 }
 
 void CommandLine::add_records() {
-  auto* const list = subcommand("history", "List the records, each verified", [this] { return history(places, pair); });
+  auto* const list = subcommand("history", "List the records, each verified", [this] { return history(paths, pair); });
   list->add_option("PAIR", pair);
   auto* const one = subcommand("show", "Show a verified record, the last one if no number is given",
-                               [this] { return ctl::show(places, show); });
+                               [this] { return ctl::show(paths, show); });
   one->add_option("SEQ", show.sequence)->check(CLI::PositiveNumber);
-  one->add_flag("--json", show.json, "In the form of record.schema.json");
+  one->add_flag("--json", show.json, "Print JSON as defined by record.schema.json");
   one->add_option("--export", show.export_to, "Write NNNNNN.json and NNNNNN.json.minisig into this folder");
   auto* const check = subcommand("verify", "Verify the whole chain of the store, or exported records",
-                                 [this] { return verify(places, files); });
+                                 [this] { return verify(paths, files); });
   check->add_option("FILES", files);
 }
 
 void CommandLine::add_requests() {
   auto* const again = subcommand("recalibrate", "Recalibrate a pair now, from its last good frames",
-                                 [this] { return recalibrate(places, pair, dry_run); });
+                                 [this] { return recalibrate(paths, pair, dry_run); });
   again->add_option("PAIR", pair)->required();
-  again->add_flag("--dry-run", dry_run, "Decide, and change nothing");
+  again->add_flag("--dry-run", dry_run, "Decide, but change nothing");
   auto* const yes =
-      subcommand("accept", "Put a pair's proposed extrinsic in force", [this] { return accept(places, pair); });
+      subcommand("accept", "Put the proposed extrinsic of a pair in force", [this] { return accept(paths, pair); });
   yes->add_option("PAIR", pair)->required();
   auto* const back = subcommand("rollback", "Put an earlier extrinsic of a pair in force again",
-                                [this] { return roll_back(places, pair, roll_back_to); });
+                                [this] { return roll_back(paths, pair, roll_back_to); });
   back->add_option("PAIR", pair)->required();
-  back->add_option("--to", roll_back_to, "Record whose extrinsic it is; the one before the present one if not given")
+  back->add_option("--to", roll_back_to, "Record of that extrinsic; the one before the present one if not given")
       ->check(CLI::PositiveNumber);
 }
 

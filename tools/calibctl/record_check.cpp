@@ -6,7 +6,7 @@ namespace calib::ctl {
 namespace {
 
 bool same(const RigidTransform& a, const RigidTransform& b) {
-  // Not zero: JSON, and a quaternion on its way through a matrix, cost some last bits.
+  // Not zero: JSON and the conversion of a quaternion to a matrix round the last bits.
   constexpr double tolerance = 1e-9;
   const RigidTransform difference = a.inverse() * b;
   return rotation_angle_rad(difference) < tolerance && difference.translation().norm() < tolerance;
@@ -18,7 +18,7 @@ RecordCheck check(const PairStatus& pair, const Chain& chain) {
     return {true, false, chain.broken ? chain.broken->context : "the store does not hold this record"};
   const CalibrationRecord& record = chain.verified[sequence - 1].record;
   if (record.pair != pair.name)
-    return {true, false, "record " + std::to_string(sequence) + " is of pair " + record.pair};
+    return {true, false, "record " + std::to_string(sequence) + " belongs to pair " + record.pair};
   if (!puts_in_force(record.decision))
     return {true, false,
             "record " + std::to_string(sequence) + " puts nothing in force: it is " +
@@ -30,13 +30,13 @@ RecordCheck check(const PairStatus& pair, const Chain& chain) {
 
 }  // namespace
 
-std::vector<RecordCheck> check_records(const Status& status, const Places& places) {
-  // For a status the daemon is not asked for all of its records.
-  const auto verified = only_daemon_may_read(places)
+std::vector<RecordCheck> check_records(const Status& status, const Paths& paths) {
+  // A status does not request all records from the daemon.
+  const auto verified = only_daemon_may_read(paths)
                             ? Result<Chain>(fail(ErrorCode::denied,
                                                  "only calibd and root may read the store; `calibctl verify` "
-                                                 "has calibd show the records"))
-                            : read_chain(places);
+                                                 "requests the records from calibd"))
+                            : read_chain(paths);
   std::vector<RecordCheck> checks;
   for (const PairStatus& pair : status.pairs) {
     if (!pair.record)

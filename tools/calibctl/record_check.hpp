@@ -8,16 +8,17 @@
 
 namespace calib::ctl {
 
-/// Whether a pair's extrinsic is the one that its record says, signed and in an unbroken chain.
+/// Whether the extrinsic of a pair is that of its record, which is signed and part of an unbroken chain.
 struct RecordCheck {
-  /// False: calibctl could not look (no store, no public key); then `verified` is the running daemon's word.
+  /// False: calibctl could not verify it itself (no store, no public key). Then `verified` is what the running daemon
+  /// says.
   bool checked = false;
   bool verified = false;
-  /// What was found, in words.
+  /// The result in words.
   std::string words;
 };
 
-/// One per pair of `status`, in its order. A pair without a record is never verified.
-[[nodiscard]] std::vector<RecordCheck> check_records(const Status& status, const Places& places);
+/// One per pair of `status`, in the same order. A pair without a record is never verified.
+[[nodiscard]] std::vector<RecordCheck> check_records(const Status& status, const Paths& paths);
 
 }  // namespace calib::ctl

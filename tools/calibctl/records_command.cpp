@@ -13,9 +13,9 @@ namespace {
 
 using VerifiedRecord = Chain::Link;
 
-/// Of at least one record.
-Result<Chain> read_some(const Places& places) {
-  auto chain = read_chain(places);
+/// Fails if there are no records.
+Result<Chain> read_some(const Paths& paths) {
+  auto chain = read_chain(paths);
   if (chain && chain->stored == 0 && !chain->broken)
     return fail(ErrorCode::record_not_found, "the store holds no records yet");
   return chain;
@@ -38,16 +38,16 @@ std::string score_words(double before, double after) {
   return decimals(before, 5) + " before, " + decimals(after, 5) + " after";
 }
 
-/// Per axis, in degrees and cm: how the slope lies and scatters, and what a shift does to it.
+/// Per axis, in degrees and cm: mean and standard deviation of the slope, and its sensitivity to a displacement.
 void baseline_lines(Text& text, const CalibrationRecord::Baseline& baseline) {
-  text.line("Baseline", "of " + counted(baseline.pairs, "pair") + ", score " + decimals(baseline.score, 5) +
+  text.line("Baseline", "from " + counted(baseline.pairs, "pair") + ", score " + decimals(baseline.score, 5) +
                             ", sigma " + decimals(baseline.score_deviation, 5) + ", above its neighbours by " +
                             decimals(baseline.prominence, 5) + ", sigma " + decimals(baseline.prominence_deviation, 5));
   for (int axis = 0; axis < 6; ++axis) {
     const double unit = axis < 3 ? radians_per_degree : 0.01;
     text.line(axis_label(axis), "slope " + decimals(baseline.slope[axis] * unit, 5) + ", sigma " +
                                     decimals(std::sqrt(baseline.slope_covariance(axis, axis)) * unit, 5) + ", per " +
-                                    (axis < 3 ? "degree" : "cm") + "; answers to a shift with " +
+                                    (axis < 3 ? "degree" : "cm") + "; sensitivity " +
                                     decimals(baseline.sensitivity(axis, axis) * unit * unit, 5) + ", sigma " +
                                     decimals(baseline.sensitivity_deviation[axis] * unit * unit, 5));
   }
@@ -84,24 +84,24 @@ std::string record_text(const CalibrationRecord& record, const PublicKey& key) {
   return text.str();
 }
 
-/// Longer than any record and its signature.
+/// Bytes; larger than any record and any signature.
 constexpr std::uint64_t largest_export = 2 << 20;
 
-/// Keeps what is there, whatever that is: a file of just these bytes is as good as a new one.
+/// Never replaces a file. Succeeds if the file exists with these bytes.
 Result<void> write_new(const std::filesystem::path& file, std::string_view bytes) {
   std::error_code error;
   const auto there = std::filesystem::symlink_status(file, error).type();
   if (there == std::filesystem::file_type::regular && read_regular_file(file, largest_export) == bytes) return {};
   if (!std::filesystem::exists(std::filesystem::file_status(there))) return replace_file(file, bytes);
   return fail(ErrorCode::file_exists, file.string() +
-                                          " is there already, is not this record, and is kept; export into " +
+                                          " exists already and is not this record; it is kept; export into " +
                                           "another folder, or move it away");
 }
 
 Result<void> export_record(const VerifiedRecord& shown, const std::filesystem::path& folder) {
   std::error_code error;
   if (is_foreign_link(folder))
-    return fail(ErrorCode::export_failed, folder.string() + " is a link that another user has made");
+    return fail(ErrorCode::export_failed, folder.string() + " is a link that another user created");
   std::filesystem::create_directories(folder, error);
   if (error) return fail(ErrorCode::export_failed, folder.string() + ": " + error.message());
   const std::filesystem::path file = folder / record_file_name(shown.record.sequence);
@@ -116,7 +116,7 @@ Result<std::string> read_text_file(const std::filesystem::path& file) {
               text.error().context);
 }
 
-/// A record that its signature vouches for; its place in the chain is not looked at.
+/// A record with a valid signature. Its position in the chain is not checked.
 Result<VerifiedRecord> read_exported(const std::filesystem::path& file, const PublicKey& key) {
   const auto canonical = read_text_file(file);
   if (!canonical) return propagate(canonical);
@@ -132,10 +132,10 @@ Exit verify_files(const std::vector<std::filesystem::path>& files, const PublicK
   for (const auto& file : files) {
     if (file.extension() == ".minisig") continue;  // looked up beside its record
     auto record = read_exported(file, key);
-    if (!record) return complain(record.error());
+    if (!record) return print_error(record.error());
     records.push_back(std::move(*record));
   }
-  if (records.empty()) return complain({ErrorCode::bad_request, "name at least one exported record, NNNNNN.json"});
+  if (records.empty()) return print_error({ErrorCode::bad_request, "name at least one exported record, NNNNNN.json"});
   std::ranges::sort(records, {}, [](const VerifiedRecord& record) { return record.record.sequence; });
   std::uint64_t links = 0;
   for (std::size_t i = 1; i < records.size(); ++i) {
@@ -143,10 +143,11 @@ Exit verify_files(const std::vector<std::filesystem::path>& files, const PublicK
     const std::string numbers =
         std::to_string(before.record.sequence) + " and " + std::to_string(after.record.sequence);
     if (before.record.sequence == after.record.sequence && before.bytes.canonical != after.bytes.canonical)
-      return complain({ErrorCode::broken_chain, "two different records have the number " + numbers});
+      return print_error({ErrorCode::broken_chain, "two different records have the number " + numbers});
     if (before.record.sequence + 1 != after.record.sequence) continue;
     if (after.record.previous_sha256 != sha256_hex(before.bytes.canonical))
-      return complain({ErrorCode::broken_chain, "records " + numbers + " are signed, but do not follow each other"});
+      return print_error(
+          {ErrorCode::broken_chain, "records " + numbers + " are signed, but the second does not continue the first"});
     ++links;
   }
   std::cout << counted(records.size(), "record") << " verified, key " << key.id_text() << "; " << counted(links, "link")
@@ -157,9 +158,9 @@ Exit verify_files(const std::vector<std::filesystem::path>& files, const PublicK
 
 }  // namespace
 
-Exit history(const Places& places, const std::string& pair) {
-  const auto chain = read_some(places);
-  if (!chain) return complain(chain.error());
+Exit history(const Paths& paths, const std::string& pair) {
+  const auto chain = read_some(paths);
+  if (!chain) return print_error(chain.error());
   bool any = false;
   for (const VerifiedRecord& item : chain->verified) {
     if (!pair.empty() && item.record.pair != pair) continue;
@@ -168,24 +169,24 @@ Exit history(const Places& places, const std::string& pair) {
   }
   if (chain->broken) {
     std::cout << std::flush;
-    const Exit exit = complain(*chain->broken);
+    const Exit exit = print_error(*chain->broken);
     std::cerr << "calibctl: " << counted(chain->stored - chain->verified.size(), "record")
               << " from there on not shown\n";
     return exit;
   }
-  return any ? Exit::done : complain({ErrorCode::record_not_found, "there is no record of a pair '" + pair + "'"});
+  return any ? Exit::done : print_error({ErrorCode::record_not_found, "there is no record of a pair '" + pair + "'"});
 }
 
-Exit show(const Places& places, const ShowOptions& options) {
-  const auto chain = read_some(places);
-  if (!chain) return complain(chain.error());
+Exit show(const Paths& paths, const ShowOptions& options) {
+  const auto chain = read_some(paths);
+  if (!chain) return print_error(chain.error());
   const std::uint64_t sequence = options.sequence.value_or(chain->stored);
   if (sequence == 0 || sequence > chain->stored)
-    return complain({ErrorCode::record_not_found, "the store holds records 1 to " + std::to_string(chain->stored)});
-  if (sequence > chain->verified.size()) return complain(*chain->broken);
+    return print_error({ErrorCode::record_not_found, "the store holds records 1 to " + std::to_string(chain->stored)});
+  if (sequence > chain->verified.size()) return print_error(*chain->broken);
   const VerifiedRecord& shown = chain->verified[sequence - 1];
   if (!options.export_to.empty()) {
-    if (const auto exported = export_record(shown, options.export_to); !exported) return complain(exported.error());
+    if (const auto exported = export_record(shown, options.export_to); !exported) return print_error(exported.error());
   }
   if (options.json)
     std::cout << nlohmann::json::parse(shown.bytes.canonical).dump(2, ' ', /*ensure_ascii=*/true) << '\n';
@@ -194,14 +195,14 @@ Exit show(const Places& places, const ShowOptions& options) {
   return Exit::done;
 }
 
-Exit verify(const Places& places, const std::vector<std::filesystem::path>& files) {
+Exit verify(const Paths& paths, const std::vector<std::filesystem::path>& files) {
   if (!files.empty()) {
-    const auto key = load_public_key(places.public_key);
-    return key ? verify_files(files, *key) : complain(key.error());
+    const auto key = load_public_key(paths.public_key);
+    return key ? verify_files(files, *key) : print_error(key.error());
   }
-  const auto chain = read_some(places);
-  if (!chain) return complain(chain.error());
-  if (chain->broken) return complain(*chain->broken);
+  const auto chain = read_some(paths);
+  if (!chain) return print_error(chain.error());
+  if (chain->broken) return print_error(*chain->broken);
   std::cout << counted(chain->stored, "record") << " verified, key " << chain->key.id_text() << "; chain unbroken\n";
   return Exit::done;
 }

@@ -10,7 +10,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::chrono::minutes recalibration_patience{10};
+constexpr std::chrono::minutes recalibration_timeout{10};
 
 std::string score_words(const json& score, const char* before, const char* after) {
   return decimals(score.at(before).get<double>(), 5) + " before, " + decimals(score.at(after).get<double>(), 5) +
@@ -31,7 +31,7 @@ void result_lines(Text& text, const json& result) {
   text.line("Held back", score_words(result.at("score"), "held_back_before", "held_back_after"));
 }
 
-/// Shows the answer; returns whether it is a yes.
+/// Prints the answer, and returns whether it is positive.
 Result<bool> show_answer(const json& reply, const std::string& pair) {
   try {
     const std::string answer = reply.at("answer").get<std::string>();
@@ -56,27 +56,27 @@ Result<bool> show_answer(const json& reply, const std::string& pair) {
   }
 }
 
-Exit request(const Places& places, const std::string& pair, json question) {
+Exit request(const Paths& paths, const std::string& pair, json question) {
   question["schema"] = 1;
   question["pair"] = pair;
-  const auto reply = ask(places.socket, question, recalibration_patience, show_waiting);
+  const auto reply = ask(paths.socket, question, recalibration_timeout, show_waiting);
   clear_waiting();
-  if (!reply) return complain(reply.error());
+  if (!reply) return print_error(reply.error());
   const auto yes = show_answer(*reply, pair);
-  if (!yes) return complain(yes.error());
+  if (!yes) return print_error(yes.error());
   return *yes ? Exit::done : Exit::no;
 }
 
 }  // namespace
 
-Exit recalibrate(const Places& places, const std::string& pair, bool dry_run) {
-  return request(places, pair, {{"request", "recalibrate"}, {"dry_run", dry_run}});
+Exit recalibrate(const Paths& paths, const std::string& pair, bool dry_run) {
+  return request(paths, pair, {{"request", "recalibrate"}, {"dry_run", dry_run}});
 }
 
-Exit accept(const Places& places, const std::string& pair) { return request(places, pair, {{"request", "accept"}}); }
+Exit accept(const Paths& paths, const std::string& pair) { return request(paths, pair, {{"request", "accept"}}); }
 
-Exit roll_back(const Places& places, const std::string& pair, std::optional<std::uint64_t> to) {
-  return request(places, pair, {{"request", "rollback"}, {"to", to ? json(*to) : json()}});
+Exit roll_back(const Paths& paths, const std::string& pair, std::optional<std::uint64_t> to) {
+  return request(paths, pair, {{"request", "rollback"}, {"to", to ? json(*to) : json()}});
 }
 
 }  // namespace calib::ctl

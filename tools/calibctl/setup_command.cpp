@@ -13,8 +13,7 @@ namespace {
 
 constexpr int exec_failed = 127;
 
-/// What systemd gives calibd.service and no shell has: without it, keys that a configuration may leave out
-/// would be missing.
+/// The variables that systemd sets for calibd.service: defaults of keys that a configuration may omit.
 void set_unit_environment() {
   constexpr int keep = 0;
   ::setenv("STATE_DIRECTORY", "/var/lib/calibd", keep);
@@ -22,8 +21,8 @@ void set_unit_environment() {
   ::setenv("CREDENTIALS_DIRECTORY", "/run/credentials/calibd.service", keep);
 }
 
-/// Becomes the calibd beside this program, or else the one in PATH. One parser reads configurations:
-/// calibd's.
+/// Replaces this process by the calibd beside this program, or else by the one in PATH: only calibd has a parser of
+/// configurations.
 [[noreturn]] void become_calibd(const std::string& config_option) {
   set_unit_environment();
   std::error_code ignored;
@@ -43,15 +42,16 @@ Exit check_config(const std::filesystem::path& file) {
   int ended = 0;
   while (child > 0 && ::waitpid(child, &ended, 0) < 0 && errno == EINTR) {
   }
-  if (child < 0 || !WIFEXITED(ended)) return complain({ErrorCode::failed, "calibd did not get to the end of the file"});
+  if (child < 0 || !WIFEXITED(ended))
+    return print_error({ErrorCode::failed, "calibd ended abnormally while it read the file"});
   if (WEXITSTATUS(ended) == exec_failed)
-    return complain({ErrorCode::not_found, "there is no calibd beside calibctl or in PATH to read the file with"});
+    return print_error({ErrorCode::not_found, "there is no calibd beside calibctl or in PATH to check the file"});
   return WEXITSTATUS(ended) == 0 ? Exit::done : Exit::failed;
 }
 
 Exit keygen(const std::filesystem::path& file) {
   const SigningKey key = SigningKey::generate();
-  if (const auto saved = key.save(file); !saved) return complain(saved.error());
+  if (const auto saved = key.save(file); !saved) return print_error(saved.error());
   std::filesystem::path public_file = file;
   public_file.replace_extension(".pub");
   std::cout << "Key " << key.public_key().id_text() << " made.\n"

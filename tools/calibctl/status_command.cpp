@@ -19,9 +19,9 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::chrono::seconds status_patience{10};
+constexpr std::chrono::seconds status_timeout{10};
 
-/// This machine's, now: what a status of another boot or of long ago says is stale.
+/// Now, by the clock of this machine since boot. Evidence of another boot, or of long ago, is stale.
 BootTime boot_time() {
   std::ifstream file("/proc/sys/kernel/random/boot_id");
   std::string boot_id;
@@ -33,7 +33,7 @@ BootTime boot_time() {
 
 WallTime now() { return std::chrono::system_clock::now().time_since_epoch(); }
 
-/// The status as it came, as it is understood, and what there is to say about it.
+/// A status as received and as parsed, with the results of verifying its records.
 struct Report {
   json raw;
   Status status;
@@ -41,13 +41,13 @@ struct Report {
   std::optional<double> snapshot_age_s;
 };
 
-Result<json> read_snapshot(const Places& places, std::optional<double>& age_s) {
+Result<json> read_snapshot(const Paths& paths, std::optional<double>& age_s) {
   constexpr std::uint64_t most_bytes = 4 << 20;
   struct stat about {};
-  const auto content = read_regular_file(places.snapshot(), most_bytes);
-  if (!content || ::stat(places.snapshot().c_str(), &about) != 0)
-    return fail(ErrorCode::daemon_not_running, "calibd does not run, and it has left no snapshot in " +
-                                                   places.snapshot().string() +
+  const auto content = read_regular_file(paths.snapshot(), most_bytes);
+  if (!content || ::stat(paths.snapshot().c_str(), &about) != 0)
+    return fail(ErrorCode::daemon_not_running, "calibd does not run, and there is no snapshot of it in " +
+                                                   paths.snapshot().string() +
                                                    (content ? "" : " (" + content.error().context + ")"));
   age_s = std::max(0.0, std::chrono::duration<double>(now() - std::chrono::seconds(about.st_mtim.tv_sec)).count());
   return parse_json(*content);
@@ -69,13 +69,13 @@ void annotate(Report& report) {
   }
 }
 
-Result<Report> collect(const Places& places) {
+Result<Report> collect(const Paths& paths) {
   Report report;
-  auto reply = ask(places.socket, {{"schema", 1}, {"request", "status"}}, status_patience, [](auto) {});
+  auto reply = ask(paths.socket, {{"schema", 1}, {"request", "status"}}, status_timeout, [](auto) {});
   if (reply)
     reply = reply->value("status", json());
   else if (reply.error().code == ErrorCode::daemon_not_running)
-    reply = read_snapshot(places, report.snapshot_age_s);
+    reply = read_snapshot(paths, report.snapshot_age_s);
   if (!reply) return propagate(reply);
 
   auto status = parse_status(*reply);
@@ -84,7 +84,7 @@ Result<Report> collect(const Places& places) {
   report.status = std::move(*status);
   expire(report.status, boot_time());
   report.status.running = !report.snapshot_age_s;
-  report.checks = check_records(report.status, places);
+  report.checks = check_records(report.status, paths);
   annotate(report);
   return report;
 }
@@ -108,14 +108,14 @@ std::string shown(const Result<Report>& report, const StatusOptions& options) {
 
 volatile std::sig_atomic_t interrupted = 0;
 
-Exit watch(const Places& places, const StatusOptions& options) {
+Exit watch(const Paths& paths, const StatusOptions& options) {
   struct sigaction on_interrupt {};
   on_interrupt.sa_handler = [](int) { interrupted = 1; };
   sigaction(SIGINT, &on_interrupt, nullptr);
   sigaction(SIGTERM, &on_interrupt, nullptr);
   const bool redraw = ::isatty(STDOUT_FILENO) == 1 && !options.json;
   while (interrupted == 0) {
-    const std::string text = shown(collect(places), options);
+    const std::string text = shown(collect(paths), options);
     std::cout << (redraw ? "\x1b[H\x1b[2J" : "") << text << (redraw || options.json ? "" : "\n") << std::flush;
     if (!std::cout) return Exit::failed;
     ::sleep(1);  // a signal ends it early
@@ -125,10 +125,10 @@ Exit watch(const Places& places, const StatusOptions& options) {
 
 }  // namespace
 
-Exit status(const Places& places, const StatusOptions& options) {
-  if (options.watch) return watch(places, options);
-  const auto report = collect(places);
-  if (!report) return complain(report.error());
+Exit status(const Paths& paths, const StatusOptions& options) {
+  if (options.watch) return watch(paths, options);
+  const auto report = collect(paths);
+  if (!report) return print_error(report.error());
   std::cout << shown(report, options);
   return exit_of(*report, options.exit_code);
 }

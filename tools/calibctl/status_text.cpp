@@ -96,7 +96,7 @@ void pair_lines(Text& text, const PairStatus& pair, const RecordCheck& check, Wa
     for (int axis = 0; axis < 6; ++axis) {
       std::string words = axis_in_words(pair, axis);
       if (pair.detection_limit && std::isfinite((*pair.detection_limit)[axis]))
-        words += ", detection limit " + amount_in_words(axis, (*pair.detection_limit)[axis]);
+        words += "; detection limit " + amount_in_words(axis, (*pair.detection_limit)[axis]);
       text.line(axis_label(axis), words);
     }
   }

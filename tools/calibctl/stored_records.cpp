@@ -14,10 +14,10 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::chrono::seconds patience{10};
+constexpr std::chrono::seconds timeout{10};
 
-Result<std::vector<SignedRecord>> from_store(const Places& places) {
-  const auto store = Store::open(places.store(), Store::Mode::read_only);
+Result<std::vector<SignedRecord>> from_store(const Paths& paths) {
+  const auto store = Store::open(paths.store(), Store::Mode::read_only);
   if (!store) return propagate(store);
   const auto count = store->record_count();
   if (!count) return propagate(count);
@@ -25,19 +25,19 @@ Result<std::vector<SignedRecord>> from_store(const Places& places) {
   for (std::uint64_t sequence = 1; sequence <= *count; ++sequence) {
     auto record = store->record(sequence);
     if (!record && record.error().code != ErrorCode::record_not_found) return propagate(record);
-    records.push_back(record ? std::move(*record) : SignedRecord{});  // a gap does not verify
+    records.push_back(record ? std::move(*record) : SignedRecord{});  // a missing record does not verify
   }
   return records;
 }
 
-Result<std::vector<SignedRecord>> from_daemon(const Places& places) {
+Result<std::vector<SignedRecord>> from_daemon(const Paths& paths) {
   std::vector<SignedRecord> records;
   for (;;) {
-    const auto reply = ask(places.socket, {{"schema", 1}, {"request", "records"}, {"from", records.size() + 1}},
-                           patience, [](auto) {});
+    const auto reply =
+        ask(paths.socket, {{"schema", 1}, {"request", "records"}, {"from", records.size() + 1}}, timeout, [](auto) {});
     if (!reply)
       return fail(reply.error().code,
-                  "only calibd and root may read " + places.store().string() + ", and " + reply.error().context);
+                  "only calibd and root may read " + paths.store().string() + ", and " + reply.error().context);
     try {
       const std::size_t before = records.size();
       for (const json& record : reply->at("records").get_ref<const json::array_t&>())
@@ -51,9 +51,9 @@ Result<std::vector<SignedRecord>> from_daemon(const Places& places) {
   }
 }
 
-/// What calibd remembers as the last record; nothing where that cannot be read.
-std::optional<std::uint64_t> remembered(const Places& places) {
-  const auto text = read_regular_file(places.chain_head(), 64 * 1024);
+/// Number of the last record as calibd noted it outside the store; nothing if that cannot be read.
+std::optional<std::uint64_t> noted_head(const Paths& paths) {
+  const auto text = read_regular_file(paths.chain_head(), 64 * 1024);
   if (!text) return std::nullopt;
   const json head = json::parse(*text, nullptr, /*allow_exceptions=*/false);
   if (!head.is_object() || !head.contains("sequence") || !head["sequence"].is_number_unsigned()) return std::nullopt;
@@ -62,15 +62,13 @@ std::optional<std::uint64_t> remembered(const Places& places) {
 
 }  // namespace
 
-bool only_daemon_may_read(const Places& places) {
-  return ::access(places.store().c_str(), R_OK) != 0 && errno == EACCES;
-}
+bool only_daemon_may_read(const Paths& paths) { return ::access(paths.store().c_str(), R_OK) != 0 && errno == EACCES; }
 
-Result<Chain> read_chain(const Places& places) {
-  const auto last = remembered(places);  // first: the chain may grow while it is read
-  const auto stored = only_daemon_may_read(places) ? from_daemon(places) : from_store(places);
+Result<Chain> read_chain(const Paths& paths) {
+  const auto last = noted_head(paths);  // before the store: the chain may grow meanwhile
+  const auto stored = only_daemon_may_read(paths) ? from_daemon(paths) : from_store(paths);
   if (!stored) return propagate(stored);
-  const auto key = load_public_key(places.public_key);
+  const auto key = load_public_key(paths.public_key);
   if (!key) return propagate(key);
   Chain chain{*key, {}, stored->size(), std::nullopt};
   const auto record_of = [&](std::uint64_t sequence) -> Result<SignedRecord> {
@@ -88,7 +86,7 @@ Result<Chain> read_chain(const Places& places) {
   else if (last && *last > chain.stored)
     chain.broken = Error{ErrorCode::broken_chain, "the store ends with record " + std::to_string(chain.stored) +
                                                       ", but calibd had written record " + std::to_string(*last) +
-                                                      ": records were cut off, or an older store was put back"};
+                                                      ": records were deleted, or an older store was restored"};
   return chain;
 }
 

@@ -8,7 +8,7 @@
 
 namespace calib::ctl {
 
-/// The records of the store up to the first that does not verify, and what is wrong with that one.
+/// The records of the store up to the first that does not verify, and why that one does not.
 struct Chain {
   struct Link {
     CalibrationRecord record;
@@ -20,11 +20,11 @@ struct Chain {
   std::optional<Error> broken;
 };
 
-/// Whether this user may not read the store itself.
-[[nodiscard]] bool only_daemon_may_read(const Places& places);
+/// Whether this user lacks the permission to read the store.
+[[nodiscard]] bool only_daemon_may_read(const Paths& paths);
 
-/// Reads the store; where only calibd may do that, asks it. Nothing that comes is believed before it is verified. The
-/// chain is broken, too, when it ends before the record that calibd remembers, beside the store, as the last one.
-[[nodiscard]] Result<Chain> read_chain(const Places& places);
+/// Reads the store, or requests the records from calibd if this user may not read it. Every record is verified. The
+/// chain also counts as broken when it ends before the record that calibd noted outside the store as the last one.
+[[nodiscard]] Result<Chain> read_chain(const Paths& paths);
 
 }  // namespace calib::ctl

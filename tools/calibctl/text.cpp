@@ -92,9 +92,9 @@ std::string axis_label(int axis) {
   return label;
 }
 
-std::string decimals(double value, int places) {
+std::string decimals(double value, int paths) {
   std::array<char, 512> text;
-  std::snprintf(text.data(), text.size(), "%.*f", places, value);
+  std::snprintf(text.data(), text.size(), "%.*f", paths, value);
   return text.data();
 }
 

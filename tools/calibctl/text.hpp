@@ -41,7 +41,7 @@ class Text {
 
 /// `Roll`, `Pitch`, `Yaw`, `X`, `Y`, `Z`.
 [[nodiscard]] std::string axis_label(int axis);
-[[nodiscard]] std::string decimals(double value, int places);
+[[nodiscard]] std::string decimals(double value, int paths);
 /// `1.02 degrees and 3.1 cm`.
 [[nodiscard]] std::string how_far(const RigidTransform& motion);
 /// `discarded` when `text` is not JSON, or is nested deeper than 64: functions that visit a value are recursive.

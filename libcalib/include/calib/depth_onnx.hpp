@@ -21,9 +21,13 @@ struct OnnxSettings {
   std::string execution_provider = "cpu";
 };
 
+/// Whether this libcalib was built with ONNX Runtime (CALIB_WITH_ONNX).
+[[nodiscard]] bool has_onnx();
+
 /// Depth from an image by the network that the YAML file `descriptor` describes (depth_model.hpp), for images of
 /// `camera`. Reads and checks the descriptor alone; the network is read by `prepare`, or by the first `estimate`.
-/// Fails as `load_depth_model` does, and with `bad_config` when the camera's images would become too large for it.
+/// Fails as `load_depth_model` does, and with `bad_config` without ONNX Runtime or when the camera's images would
+/// become too large for it.
 ///
 /// An image is grey to a colour network when it has no `rgb`. Whatever else is wrong, with the network's file, its
 /// inputs and outputs or what comes out, fails `prepare` and every `estimate` with `depth_failed`; a golden pair that
