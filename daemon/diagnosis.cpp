@@ -9,7 +9,7 @@ namespace {
 using std::chrono::steady_clock;
 
 constexpr std::chrono::milliseconds longest_listening{5000};
-/// Depth that is this good needs no other explanation. Exchanged stereo images match by chance in some places, too.
+/// With depth this good, exchanged stereo images need not be tried: they too match in some places by chance.
 constexpr double good_agreement = 0.7, good_share = 0.3;
 
 /// Written under another name first, so that nobody reads half a picture.
@@ -29,9 +29,9 @@ Result<void> draw(const std::filesystem::path& file, const FramePair& pair, cons
 std::optional<Camera> camera_of_info(const PairObservation& seen) {
   if (!seen.camera_info) return std::nullopt;
   const CameraInfo& info = *seen.camera_info;
-  auto told = Camera::make(info.model, info.width, info.height, {info.K[0], info.K[4], info.K[2], info.K[5]}, info.D);
+  auto camera = Camera::make(info.model, info.width, info.height, {info.K[0], info.K[4], info.K[2], info.K[5]}, info.D);
   const bool same_size = info.width == seen.camera.width() && info.height == seen.camera.height();
-  return told && same_size ? std::optional(std::move(*told)) : std::nullopt;
+  return camera && same_size ? std::optional(std::move(*camera)) : std::nullopt;
 }
 
 DepthTrial trial(const DepthMap& depth, const PairObservation& seen, const RigidTransform& T_camera_lidar,
@@ -45,13 +45,13 @@ bool is_good(const PairObservation& seen) {
          agreement->rank_correlation > good_agreement;
 }
 
-/// Listens to the topics of the pair, and to the CameraInfo beside its image. The last samples that belong together;
-/// nothing when there are none. Fails with `dds_failed` or `bad_topic`.
+/// Listens to the topics of the pair and to the CameraInfo that belongs to its image. Returns the last pair of samples,
+/// or nothing if there is none. Fails with `dds_failed` or `bad_topic`.
 Result<std::optional<FramePair>> listen(const DiagnosisInput& input, Network& network, DepthSource& depth,
                                         const std::function<bool()>& keep_going, PairObservation& seen) {
   const bool camera_info_is_configured = input.pair.camera.info.has_value();
   seen.topics = topics_to_probe(input.topics, camera_info_is_configured);
-  seen.topics_in_use = input.other_image_topics;
+  seen.topics_in_use = input.image_topics_in_use;
   for (const TopicObservation& topic : seen.topics) seen.topics_in_use.insert(topic.topic);
   PairTopics topics = input.topics;
   if (!topics.camera_info) topics.camera_info = conventional_camera_info(topics.image);
@@ -76,8 +76,8 @@ Result<std::optional<FramePair>> listen(const DiagnosisInput& input, Network& ne
   return probe.take_pair();
 }
 
-/// Depth as sampling would estimate it, and how the extrinsic agrees with it. Where they disagree, also how well they
-/// agree with another lens or with the stereo images exchanged.
+/// Estimates depth as for an evaluation, and compares it with the cloud at the extrinsic in force: with the configured
+/// lens, with that of CameraInfo, and, if the agreement is poor, with the stereo images exchanged.
 std::optional<DepthMap> try_depth(const DiagnosisInput& input, const FramePair& pair, DepthSource& source,
                                   const std::function<bool()>& keep_going, PairObservation& seen) {
   const auto estimate = [&](const FramePair& of) -> Result<DepthMap> {
@@ -86,9 +86,8 @@ std::optional<DepthMap> try_depth(const DiagnosisInput& input, const FramePair& 
     if (const auto masked = mask_depth(of.image, input.pair.depth_range, *depth); !masked) return propagate(masked);
     return depth;
   };
-  if (auto scene = check_pair(pair, seen.camera, nullptr, {});
-      !scene && scene.error().code != ErrorCode::image_size_mismatch)
-    seen.scene = scene.error();
+  const auto scene = check_pair(pair, seen.camera, nullptr, {});
+  if (!scene && scene.error().code != ErrorCode::image_size_mismatch) seen.scene = scene.error();
   if (seen.image != size_of(seen.camera)) return std::nullopt;
   auto depth = estimate(pair);
   if (depth)
@@ -97,9 +96,9 @@ std::optional<DepthMap> try_depth(const DiagnosisInput& input, const FramePair& 
     seen.depth = propagate(depth);
   seen.extrinsic = examine_extrinsic(seen.camera, input.T_camera_lidar, pair.scan, depth ? &*depth : nullptr);
   if (!depth) return std::nullopt;
-  [[maybe_unused]] const bool on = keep_going();  // the examination took its time
-  if (const auto told = camera_of_info(seen))
-    seen.info_agreement = depth_agreement(*depth, *told, input.T_camera_lidar, pair.scan);
+  [[maybe_unused]] const bool on = keep_going();  // feeds the watchdog
+  if (const auto camera = camera_of_info(seen))
+    seen.info_agreement = depth_agreement(*depth, *camera, input.T_camera_lidar, pair.scan);
   if (pair.right_image && !is_good(seen)) {
     FramePair exchanged{.image = *pair.right_image, .right_image = pair.image, .scan = pair.scan};
     if (const auto swapped = estimate(exchanged)) seen.swapped = trial(*swapped, seen, input.T_camera_lidar, pair.scan);

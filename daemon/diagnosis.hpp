@@ -18,7 +18,7 @@ struct PairFinding {
   Finding finding;
 };
 
-/// A picture of a pair: the image with the points of the cloud, and depth below it.
+/// A picture of a pair: the image with the projected points of the cloud, and below it the depth map.
 struct Overlay {
   std::string pair;
   std::filesystem::path file;  // PNG
@@ -29,21 +29,21 @@ struct DiagnosisReport {
   std::vector<Overlay> overlays;
 };
 
-/// What a diagnosis needs to know of a pair. All that is referred to outlives the call.
+/// What a diagnosis reads of a pair. All references outlive the call.
 struct DiagnosisInput {
   const DdsConfig& dds;
   const SamplingConfig& sampling;
   const PairConfig& pair;
   const PairTopics& topics;
-  const RigidTransform& T_camera_lidar;             // in force
-  const std::set<std::string>& other_image_topics;  // the images of all pairs: never what another topic was meant to be
-  std::filesystem::path picture_folder;             // is made when it does not exist
+  const RigidTransform& T_camera_lidar;              // in force
+  const std::set<std::string>& image_topics_in_use;  // of all pairs: not suggested in place of a wrong topic
+  std::filesystem::path picture_folder;              // created if it does not exist
 };
 
-/// Listens to the topics of a pair for up to five seconds, estimates depth, and adds what it found to `report`: the
-/// findings of `diagnose`, and an overlay when samples belong together. A picture that cannot be written is a finding.
-/// `depth` learns the CameraInfo that arrived; nothing else of the pair changes. `keep_going` is called several times a
-/// second; false ends listening, and what follows is judged by what has arrived.
+/// Listens to the topics of a pair for up to five seconds, estimates depth, and appends to `report`: the findings of
+/// `diagnose`, and an overlay if a pair of samples arrived. A picture that cannot be written is a finding. `depth` gets
+/// the CameraInfo that arrived; nothing else of the pair changes. `keep_going` is called several times a second while
+/// the pair is listened to; false ends listening.
 void diagnose_pair(const DiagnosisInput& input, Network& network, DepthSource& depth,
                    const std::function<bool()>& keep_going, DiagnosisReport& report);
 

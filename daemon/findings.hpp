@@ -22,11 +22,11 @@ struct TopicObservation {
   std::string check{};  // name of its finding: image, right_image, cloud, camera_info, ...
   std::string key{};    // of the configuration, such as camera.image
   std::string topic{};
-  std::string type{};  // that calibd reads, from `ros_type_name`
+  std::string type{};  // that calibd expects, from `ros_type_name`
   /// False: it is not configured, but named by convention.
   bool configured = true;
   std::uint64_t messages = 0;
-  /// Number of messages that could not be used, by error code.
+  /// Number of messages that could not be used, by the word of their error code.
   std::map<std::string, std::uint64_t> malformed{};
   std::string malformed_context{};  // of the last one
   /// Arrival minus stamp, of the message for which it is nearest to zero.
@@ -46,12 +46,12 @@ struct PairObservation {
   Camera camera;
   DepthSourceKind depth_kind;
   std::string pair{};
-  std::uint32_t domain = 0;
+  std::uint32_t domain = 0;  // of DDS
   std::string interface {};
-  std::chrono::nanoseconds listened{};
+  std::chrono::nanoseconds listened{};  // for how long
   std::vector<TopicObservation> topics{};
-  std::vector<RemoteWriter> writers{};    // on any topic
-  std::set<std::string> topics_in_use{};  // configured for something: not suggested instead of a wrong topic
+  std::vector<RemoteWriter> writers{};    // of all topics
+  std::set<std::string> topics_in_use{};  // configured for something: not suggested in place of a wrong topic
   std::optional<ImageSize> image{};
   /// Why right or depth images were refused for their size; topic and key of the configuration.
   std::optional<std::string> companion_mismatch{};

@@ -302,7 +302,7 @@ DiagnosisReport Service::diagnose_pairs(const std::optional<std::string>& name) 
          .pair = *pair->config,
          .topics = pair->topics,
          .T_camera_lidar = pair->state.T_camera_lidar,
-         .other_image_topics = image_topics,
+         .image_topics_in_use = image_topics,
          .picture_folder = config_.state_dir / "doctor"},
         *network_, *pair->depth, [this] { return keep_going(); }, report);
   }

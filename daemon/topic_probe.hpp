@@ -12,20 +12,21 @@
 
 namespace calib {
 
-/// The topics that a diagnosis listens to, in the order of its findings. If `topics` names no CameraInfo beside the
-/// image, it is the topic by which drivers publish it by convention; `camera_info_is_configured` tells which.
+/// The topics that a diagnosis listens to, in the order of its findings. The CameraInfo of the image is always among
+/// them: on its conventional topic if `topics` has none, and marked as not configured unless
+/// `camera_info_is_configured`.
 [[nodiscard]] std::vector<TopicObservation> topics_to_probe(const PairTopics& topics, bool camera_info_is_configured);
 
-/// The topic of the CameraInfo that belongs to an image by convention: `/front/image/compressed` and `/front/image`
-/// give `/front/camera_info`.
+/// The conventional topic of an image's CameraInfo: `/front/camera_info` for `/front/image` and
+/// `/front/image/compressed`.
 [[nodiscard]] std::string conventional_camera_info(std::string image_topic);
 
-/// Notes what arrives on the topics of a pair, and joins the samples into pairs as sampling does.
+/// Records what arrives on the topics of a pair, and forms pairs of samples as sampling does.
 class TopicProbe {
  public:
   /// Listening takes at least `shortest`, and without a pair at least `shortest_without_pair`.
   static constexpr std::chrono::milliseconds shortest{500}, shortest_without_pair{1500};
-  /// As many messages of a topic are enough to judge its stamps by.
+  /// Of one topic: enough to check its stamps.
   static constexpr std::uint64_t enough_messages = 5;
 
   /// Writes what arrives into `seen`, whose `topics` are those listened to. `seen` outlives the probe.
@@ -33,11 +34,12 @@ class TopicProbe {
 
   void add(Sample sample, WallTime arrival);
 
-  /// Whether listening for so long was enough: each topic that has a matching publisher in `seen.writers` brought
-  /// enough messages or an unusable one.
+  /// Whether listening for this long suffices: enough messages, or one that cannot be used, arrived on each topic for
+  /// which `seen.writers` has a matching publisher.
   [[nodiscard]] bool has_enough(std::chrono::nanoseconds listened) const;
 
-  /// Ends the probe: the latest pair. Without one, `seen.time_difference` says why there is none.
+  /// Ends the probe: returns the latest pair, and sets `seen.time_difference` to that of the pair or to the reason why
+  /// there is none.
   [[nodiscard]] std::optional<FramePair> take_pair();
 
   /// The last one that arrived.

@@ -12,11 +12,11 @@ namespace calib {
 template <DepthSourceConfig... Kinds>
 using OneOf = std::variant<Kinds...>;
 
-/// The table of depth sources: whatever depends on the kind of a source is asked of these structs, here and nowhere
-/// else. A kind that lacks one of `DepthSourceConfig`'s members does not compile.
+/// The table of depth sources. Everything that depends on the kind of a source is a member of its struct. A struct that
+/// lacks a member of `DepthSourceConfig` does not compile.
 using DepthConfig = OneOf<StereoDepthConfig, OnnxDepthConfig, TopicDepthConfig>;
 
-// Each calls the member of that name.
+// Each of these calls the member of `source` with the same name.
 
 [[nodiscard]] const DepthSourceKind& depth_kind(const DepthConfig& source);
 /// By the key `source` of the mapping `depth`. Throws `BadConfig`.

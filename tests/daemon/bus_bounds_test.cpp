@@ -31,7 +31,7 @@ const PairTopics topics{"/left/image", {}, "/points", {}};
 
 }  // namespace
 
-TEST_CASE("an image of another size is told with what it says of itself, and is not decoded") {
+TEST_CASE("an image of another size is reported with its stamp and size, and is not decoded") {
   bus();
   const auto left = require_ok(make_writer(peer().participant(), image_type, "/left/image", reliable));
   const auto right =
@@ -57,7 +57,7 @@ TEST_CASE("an image of another size is told with what it says of itself, and is 
   CHECK(find<Malformed>(compressed_refused)->image->size == ImageSize{5, 4});
 }
 
-TEST_CASE("a cloud of more points than allowed is told as such") {
+TEST_CASE("a cloud with too many points is reported as such") {
   bus();
   const auto cloud = require_ok(make_writer(peer().participant(), cloud_type, "/points", reliable));
   PairTopics bounded = topics;
@@ -69,7 +69,7 @@ TEST_CASE("a cloud of more points than allowed is told as such") {
   CHECK(find<Malformed>(refused)->error.code == "malformed:cloud_size");
 }
 
-TEST_CASE("a window may be opened, waited at and ended by three threads") {
+TEST_CASE("a window may be opened, read and destroyed by three threads") {
   bus();
   const auto cloud = require_ok(make_writer(peer().participant(), cloud_type, "/points", reliable));
   std::optional<SamplingWindow> window;

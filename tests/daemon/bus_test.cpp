@@ -68,7 +68,7 @@ TEST_CASE("a window receives every topic of its pair, from reliable and from bes
   CHECK(find<CameraInfo>(samples)->D.size() == 5);
 }
 
-TEST_CASE("of how the vehicle turns every sample is kept, by an IMU and by odometry") {
+TEST_CASE("every sample of the vehicle's turn rate is kept, from an IMU and from odometry") {
   bus();
   const auto imu = require_ok(make_writer(peer().participant(), imu_type, "/imu", reliable));
   const auto odometry = require_ok(make_writer(peer().participant(), odometry_type, "/odom", best_effort));
@@ -143,7 +143,7 @@ TEST_CASE("a malformed sample is reported with its topic and reason, and the nex
   CHECK(find<DecodedCloud>(received(window, 1, [&] { publish(cloud, CloudMessage{}); })));
 }
 
-TEST_CASE("of a burst only the newest sample is kept") {
+TEST_CASE("only the newest sample of a burst is kept") {
   bus();
   const auto left = require_ok(make_writer(peer().participant(), image_type, "/left/image", reliable));
   auto window = require_ok(bus().open_window(topics));
@@ -161,7 +161,7 @@ TEST_CASE("of a burst only the newest sample is kept") {
   CHECK(require_ok(window.wait(0s)).empty());
 }
 
-TEST_CASE("a wait ends with its time-out when nothing arrives") {
+TEST_CASE("a wait ends with its timeout when nothing arrives") {
   auto window = require_ok(bus().open_window(topics));
   const auto begin = std::chrono::steady_clock::now();
   CHECK(require_ok(window.wait(200ms)).empty());
@@ -191,7 +191,7 @@ TEST_CASE("an interrupt ends the wait in progress, or else the next one, and no 
   CHECK(std::chrono::steady_clock::now() - last >= 199ms);
 }
 
-TEST_CASE("endpoints speak XCDR1 and name their type's hash, as ROS 2 asks") {
+TEST_CASE("endpoints use XCDR1 and announce the hash of their type, as ROS 2 requires") {
   bus();
   const auto cloud = require_ok(make_writer(peer().participant(), cloud_type, "/points", reliable));
   const auto window = require_ok(bus().open_window(topics));
@@ -220,7 +220,7 @@ TEST_CASE("endpoints speak XCDR1 and name their type's hash, as ROS 2 asks") {
   dds_builtintopic_free_endpoint(endpoint);
 }
 
-TEST_CASE("diagnostics say each pair's verdict in ROS's levels, with values and units") {
+TEST_CASE("diagnostics show the verdict of each pair as a level of ROS, with values and units") {
   Status status;
   status.vehicle = "demo-car";
   const Verdict verdicts[] = {Verdict::calibrated, Verdict::suspect, Verdict::drifted, Verdict::not_evaluated};
@@ -266,7 +266,7 @@ TEST_CASE("diagnostics say each pair's verdict in ROS's levels, with values and 
   }));
 }
 
-TEST_CASE("a reader that joins late gets the proposed extrinsics that stand") {
+TEST_CASE("a late reader gets the current proposed extrinsics") {
   ProposedExtrinsic first{"camera_front", "lidar_top", RigidTransform::Identity()}, second = first;
   first.T_camera_lidar.translation() = Eigen::Vector3d(1, 2, 3);
   second.camera_frame = "camera_rear";
@@ -292,7 +292,7 @@ TEST_CASE("a reader that joins late gets the proposed extrinsics that stand") {
   CHECK(received == 1);
 }
 
-TEST_CASE("a reader that joins late gets the last 32 alerts in order") {
+TEST_CASE("a late reader gets the last 32 alerts in order") {
   DriftAlert alert{.stamp = 7s,
                    .vehicle = "demo-car",
                    .pair = "front",
@@ -325,7 +325,7 @@ TEST_CASE("a reader that joins late gets the last 32 alerts in order") {
   for (std::size_t i = 0; i < 32; ++i) CHECK(sequences[i] == 9 + i);
 }
 
-TEST_CASE("what cannot be is refused") {
+TEST_CASE("invalid interfaces and topics are refused") {
   CHECK(Bus::open(90, "lo\"/><Evil a=\"").error().code == "bad_interface");
   CHECK(Bus::open(90, "").error().code == "bad_interface");
   CHECK(Bus::open(90, "nosuch0").error().code == "dds_failed");

@@ -46,7 +46,7 @@ Result<Image> decode(Octets bytes, const ImageBound& bound = {}, Colour colour =
 
 }  // namespace
 
-TEST_CASE("what cameras and encoders make passes") {
+TEST_CASE("images of usual cameras and encoders are accepted") {
   for (const int type : {CV_8UC1, CV_8UC3}) {
     CHECK(refusal(encoded(".jpg", scene(65, 33, type))).empty());
     CHECK(refusal(encoded(".jpg", scene(65, 33, type), {cv::IMWRITE_JPEG_PROGRESSIVE, 1})).empty());
@@ -58,7 +58,7 @@ TEST_CASE("what cameras and encoders make passes") {
   CHECK(refusal(encoded(".png", scene(65, 33, CV_8UC1), {cv::IMWRITE_PNG_BILEVEL, 1})).empty());
 }
 
-TEST_CASE("a JPEG may have 32 scans, and is told how many it has") {
+TEST_CASE("a JPEG may have 32 scans; the error for more gives their number") {
   CHECK(refusal(jpeg_of_scans(64, 48, 32)).empty());
   CHECK(require_ok(decode(jpeg_of_scans(64, 48, 32))).width == 64);
   const Octets one_more = jpeg_of_scans(64, 48, 33);
@@ -67,7 +67,7 @@ TEST_CASE("a JPEG may have 32 scans, and is told how many it has") {
   CHECK(refused.error().context == "the JPEG has 33 scans where 32 are allowed");
 }
 
-TEST_CASE("a JPEG of a kind that no camera sends is refused") {
+TEST_CASE("variants of JPEG that cameras do not send are refused") {
   CHECK(refusal(jpeg_of_scans(64, 48, 1, 0xC0)).empty());
   for (const int frame : {0xC3, 0xC5, 0xC6, 0xC7, 0xC9, 0xCA, 0xCB, 0xCD, 0xCE, 0xCF})
     CHECK(refusal(jpeg_of_scans(64, 48, 1, frame)) == "malformed:compressed_format");
@@ -81,7 +81,7 @@ TEST_CASE("a JPEG of a kind that no camera sends is refused") {
   CHECK(refusal(deep) == "malformed:compressed_format");
 }
 
-TEST_CASE("a JPEG that ends early, or goes on behind its end, is refused; zeros there are padding") {
+TEST_CASE("a JPEG that is incomplete or followed by data is refused; zeros at its end are padding") {
   const Octets good = encoded(".jpg", scene(40, 30));
   for (std::size_t size = 0; size < good.size(); size += 7)
     CHECK_FALSE(refusal({good.begin(), good.begin() + size}).empty());
@@ -92,7 +92,7 @@ TEST_CASE("a JPEG that ends early, or goes on behind its end, is refused; zeros 
   CHECK(refusal(longer) == "malformed:compressed_data");
 }
 
-TEST_CASE("a PNG with fewer pixels than its header says is refused, and one with many more") {
+TEST_CASE("a PNG with fewer pixels than its header says is refused, and one with many more is too") {
   CHECK(require_ok(decode(black_png(64, 48, 48))).pixels == std::vector<std::uint8_t>(64 * 48, 0));
   CHECK(decode(black_png(64, 48, 47)).error().code == "malformed:compressed_data");
   CHECK(decode(black_png(64, 48, 49)));
@@ -103,7 +103,7 @@ TEST_CASE("a PNG with fewer pixels than its header says is refused, and one with
   CHECK(decode(odd).error().code == "malformed:compressed_data");
 }
 
-TEST_CASE("an interlaced PNG is put together") {
+TEST_CASE("an interlaced PNG is decoded") {
   // 5 x 5 of 8 bits: passes of 1x1, 1x1, 2x1, 1x2, 3x1, 2x3, 5x2 pixels and a byte for each row of each.
   const std::size_t raw = (1 + 1) + (1 + 1) + (2 + 1) + 2 * (1 + 1) + (3 + 1) + 3 * (2 + 1) + 2 * (5 + 1);
   Octets png{0x89, 'P', 'N', 'G', '\r', '\n', 0x1A, '\n'};
@@ -113,7 +113,7 @@ TEST_CASE("an interlaced PNG is put together") {
   CHECK(require_ok(decode(png)).pixels == std::vector<std::uint8_t>(25, 0));
 }
 
-TEST_CASE("what a PNG holds beside its pixels is bounded, and animation is refused") {
+TEST_CASE("metadata of a PNG is bounded, and animation is refused") {
   const auto with = [](const std::string& kind, std::size_t bytes, int times) {
     return refusal(
         black_png(64, 48, 48, std::vector<std::pair<std::string, Octets>>(times, {kind, Octets(bytes, 'x')})));
@@ -126,7 +126,7 @@ TEST_CASE("what a PNG holds beside its pixels is bounded, and animation is refus
   for (const std::string kind : {"acTL", "fcTL", "fdAT"}) CHECK(with(kind, 8, 1) == "malformed:compressed_format");
 }
 
-TEST_CASE("what is not of the configured size is refused in no time, whatever it holds") {
+TEST_CASE("an image of another size than the configured one is refused without decoding") {
   const ImageBound bound = ImageBound::exactly({640, 480}, "camera.size");
   const Octets many_scans = jpeg_of_scans(8000, 8000, 600), many_pixels = black_png(8000, 8000, 8000);
   REQUIRE(many_scans.size() < 57'000);
@@ -151,7 +151,7 @@ TEST_CASE("a compressed image has at most four bytes a pixel and 64 KiB") {
   CHECK(decode(bytes).error().code == "malformed:compressed_size");
 }
 
-TEST_CASE("pixels are those of OpenCV's decoders, grey and in colour") {
+TEST_CASE("pixels equal those of OpenCV's decoders, grey and in colour") {
   const cv::Mat coloured = scene(65, 33), grey = scene(65, 33, CV_8UC1);
   cv::Mat deep(33, 65, CV_16UC3), transparent = scene(65, 33, CV_8UC4);
   cv::randu(deep, 0, 65536);
@@ -171,7 +171,7 @@ TEST_CASE("pixels are those of OpenCV's decoders, grey and in colour") {
   }
 }
 
-TEST_CASE("what decoders complain of does not reach standard error") {
+TEST_CASE("messages of the decoders do not reach standard error") {
   const Octets complained_of =
       black_png(64, 48, 48, {{"tEXt", Octets(100, 0)}, {"gAMA", Octets(3, 0)}, {"tIME", Octets(1, 0)}});
   std::fflush(stderr);

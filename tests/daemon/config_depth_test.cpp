@@ -56,7 +56,7 @@ TEST_CASE("stereo of rectified images needs a baseline or the right camera's Cam
         "/i");
 }
 
-TEST_CASE("stereo of images as they come needs the right camera") {
+TEST_CASE("stereo with raw images needs the right camera") {
   const std::string lens = "model: plumb_bob, distortion: [-0.3, 0.1, 0, 0], info: /info";
   const std::string by_hand = "source: stereo, right_image: /r, " + right_lens + ", T_right_left: " + turned + "}";
   const auto stereo = std::get<StereoDepthConfig>(source(by_hand, lens).depth);
@@ -74,7 +74,7 @@ TEST_CASE("stereo of images as they come needs the right camera") {
              Catch::Matchers::ContainsSubstring("right_camera.T_right_left: missing"));
 }
 
-TEST_CASE("a network needs its descriptor, and runs small by default") {
+TEST_CASE("a network needs its descriptor, and by default takes one thread and little memory") {
   const PairConfig pair = source("source: onnx, model: /m.yaml");
   const auto& onnx = std::get<OnnxDepthConfig>(pair.depth);
   CHECK(onnx.model == "/m.yaml");
@@ -90,7 +90,7 @@ TEST_CASE("a network needs its descriptor, and runs small by default") {
   CHECK(other.depth_timeout == 500ms);
 }
 
-TEST_CASE("depth from a topic is an image or a disparity image, of the camera or with optics of its own") {
+TEST_CASE("depth from a topic is an image or a disparity image, of the camera or of a depth camera") {
   const auto image = std::get<TopicDepthConfig>(source("source: topic, image: /d, range_m: [0.2, 8]").depth);
   CHECK((image.topic.name == "/d" && image.topic.message == DepthMessage::image && !image.camera));
   CHECK(std::get<TopicDepthConfig>(source("source: topic, disparity: /d").depth).topic.message ==
@@ -104,7 +104,7 @@ TEST_CASE("depth from a topic is an image or a disparity image, of the camera or
   CHECK(own.camera->T_camera_depth.translation().x() == -0.5);
 }
 
-TEST_CASE("what a source of depth does not know is refused") {
+TEST_CASE("keys and values that do not belong to a depth source are refused") {
   const std::pair<const char*, const char*> refusals[] = {
       {"source: onnx", "pairs[0].depth.model: missing; add it"},
       {"source: onnx, model: m.yaml", "pairs[0].depth.model: needs an absolute path"},
@@ -128,7 +128,7 @@ TEST_CASE("what a source of depth does not know is refused") {
   }
 }
 
-TEST_CASE("the sources that the example in systemd/ comments out are right as well") {
+TEST_CASE("the depth sources that the example in systemd/ comments out are valid") {
   std::ifstream in(std::filesystem::path(std::getenv("CALIBD_SOURCE_DIR")) / "systemd" / "calibd.yaml");
   const std::string example{std::istreambuf_iterator<char>(in), {}};
   const std::string indent = "      ", comment = indent + "# ";
@@ -145,7 +145,7 @@ TEST_CASE("the sources that the example in systemd/ comments out are right as we
   }
 }
 
-TEST_CASE("the rate of false alerts is shared among the samples of the weeks, and among the pairs") {
+TEST_CASE("the rate of false alerts is shared among the samples of a week and among the pairs") {
   Config config = require_ok(parse(depth("source: stereo, right_image: /r, baseline_m: 0.5")));
   const DriftConfig drift{.false_alerts_per_1000_vehicle_weeks = 2, .driving_hours_per_week = 10};
   CHECK(false_alarms_per_pair(config, drift) == Approx(2 / (1000 * 10 * 360.0)));

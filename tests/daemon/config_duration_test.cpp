@@ -31,7 +31,7 @@ std::string in_seconds(int ms) {
 
 }  // namespace
 
-TEST_CASE("a window may be as long as the period, however both are written") {
+TEST_CASE("a window may be as long as the period, in whichever units both are written") {
   for (int ms = 100; ms <= 2000; ++ms) {
     const std::string in_ms = std::to_string(ms) + "ms", in_s = in_seconds(ms) + "s";
     for (const auto& [period, window] : {std::pair(in_ms, in_ms), {in_s, in_s}, {in_s, in_ms}, {in_ms, in_s}}) {
@@ -46,7 +46,7 @@ TEST_CASE("a window may be as long as the period, however both are written") {
   }
 }
 
-TEST_CASE("durations are taken at their bounds, and refused beyond them") {
+TEST_CASE("durations are accepted at their bounds and refused beyond them") {
   for (const char* period : {"100ms", "0.1s", "24h", "1440min", "86400s", "86400000ms", "1e2ms", "8.64e4s"})
     CHECK(parse(std::string("period: ") + period + ", window: 100ms"));
   for (const char* period : {"99.999ms", "0.099999999s", "24.0000001h", "86400.000001s", "-24h", "1e300h", "-1e300h",

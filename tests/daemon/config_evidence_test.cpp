@@ -36,7 +36,7 @@ std::string evidence_with(const std::string& what, const std::string& instead) {
 
 }  // namespace
 
-TEST_CASE("evidence depends on what it is measured with, not on layout, and not on what is done with it") {
+TEST_CASE("evidence depends on the settings that it is measured with, not on layout or other settings") {
   const std::string now = parsed(yaml).pairs[0].evidence_text;
   for (const auto& [what, instead] :
        std::initializer_list<std::pair<const char*, const char*>>{{"vehicle: car", "vehicle: van"},
@@ -65,7 +65,7 @@ TEST_CASE("evidence depends on what it is measured with, not on layout, and not 
   }
 }
 
-TEST_CASE("evidence counts until the second window after it has closed, or so long as rounds really take") {
+TEST_CASE("evidence expires after two periods and a window, or after two cycles if these take longer") {
   const SamplingConfig sampling{.period = 10s, .window = 2s};
   CHECK(evidence_lifetime(sampling, 0s) == 22s);
   CHECK(evidence_lifetime(sampling, 9s) == 22s);
@@ -73,7 +73,7 @@ TEST_CASE("evidence counts until the second window after it has closed, or so lo
   CHECK(evidence_lifetime({.period = 100ms, .window = 50ms}, 0s) == 5s);
 }
 
-TEST_CASE("the head of the chain is remembered beside the state folder, where nothing else is said") {
+TEST_CASE("the default of head_dir is a folder beside state_dir") {
   CHECK(parsed(yaml).head_dir == "/state-head");
   CHECK(parsed(yaml, {"/var/lib/calibd/", "/runtime", "/credentials"}).head_dir == "/var/lib/calibd-head");
   CHECK(parsed(yaml, {"/state", "/runtime", "/credentials", "/given"}).head_dir == "/given");

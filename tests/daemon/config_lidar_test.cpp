@@ -20,7 +20,7 @@ Result<Config> parse(const std::string& mapping) {
 
 }  // namespace
 
-TEST_CASE("how many points a cloud may have is a million unless the configuration says so") {
+TEST_CASE("a cloud may have a million points by default") {
   const auto of = [](const std::string& number) { return parse("cloud: /p, max_points: " + number); };
   CHECK(require_ok(parse("cloud: /p")).pairs[0].lidar.max_points == 1'000'000);
   CHECK(require_ok(of("1000")).pairs[0].lidar.max_points == 1000);

@@ -23,7 +23,7 @@ Result<Config> parse(const std::string& mapping) {
 
 }  // namespace
 
-TEST_CASE("motion is told by an IMU or by odometry, with a limit that has a default") {
+TEST_CASE("motion comes from an IMU or from odometry; its limit has a default") {
   const auto imu = require_ok(parse("topic: /imu/data, type: imu")).pairs[0].motion;
   REQUIRE(imu);
   CHECK((imu->topic.name == "/imu/data" && imu->topic.message == MotionMessage::imu));
@@ -34,7 +34,7 @@ TEST_CASE("motion is told by an IMU or by odometry, with a limit that has a defa
   CHECK(odometry->max_turn_rad == Approx(0.25 * radians_per_degree));
 }
 
-TEST_CASE("what is wrong with motion is named with its line, key and remedy") {
+TEST_CASE("an error in motion is reported with its line, key and remedy") {
   const std::pair<const char*, const char*> refusals[] = {
       {"type: imu", "topic: missing; add it"},
       {"topic: /imu", "type: missing; add it"},
@@ -52,7 +52,7 @@ TEST_CASE("what is wrong with motion is named with its line, key and remedy") {
   }
 }
 
-TEST_CASE("the motion that the example in systemd/ comments out is right as well") {
+TEST_CASE("the motion that the example in systemd/ comments out is valid") {
   std::ifstream in(std::filesystem::path(std::getenv("CALIBD_SOURCE_DIR")) / "systemd" / "calibd.yaml");
   std::string example{std::istreambuf_iterator<char>(in), {}};
   const auto begin = example.find("    # motion:"), end = example.find("    drift:");

@@ -138,7 +138,7 @@ TEST_CASE("every key is read, into SI units") {
   CHECK(pair.recalibration.min_interval == 5min);
 }
 
-TEST_CASE("what is not given has the documented default") {
+TEST_CASE("keys that are missing have the documented default") {
   const Config config = require_ok(parse(least));
   CHECK(config.state_dir == "/state");
   CHECK(config.runtime_dir == "/runtime");
@@ -171,7 +171,7 @@ TEST_CASE("a default window is no longer than the period") {
   CHECK(require_ok(parse("sampling: {period: 500ms}\n" + least)).sampling.window == 500ms);
 }
 
-TEST_CASE("the example in systemd/ is a configuration, and its values are the defaults it says they are") {
+TEST_CASE("the example in systemd/ is valid, and the defaults that it documents are right") {
   const Config config = require_ok(
       load_config(std::filesystem::path(std::getenv("CALIBD_SOURCE_DIR")) / "systemd" / "calibd.yaml", places));
   const Config defaults = require_ok(parse(least));
@@ -271,7 +271,7 @@ TEST_CASE("a wrong value is refused with its file, line and key") {
   }
 }
 
-TEST_CASE("a lens is checked by its own parameters, and a baseline is for rectified images alone") {
+TEST_CASE("the parameters of a lens are checked, and baseline_m is for rectified images only") {
   const auto lens = [](const std::string& model, const std::string& distortion) {
     std::string yaml = with("model: rectified", "model: " + model);
     return refusal(yaml.replace(yaml.find("distortion: []"), 14, "distortion: [" + distortion + "]"));
@@ -346,7 +346,7 @@ TEST_CASE("a missing key is refused, with the line of the mapping that lacks it"
   }
 }
 
-TEST_CASE("pairs have names of their own, and there are 1 .. 16 of them") {
+TEST_CASE("there are 1 .. 16 pairs, each with its own name") {
   const std::string pair = least.substr(least.find("  - name"));
   CHECK_THAT(refusal(least + pair),
              Catch::Matchers::StartsWith("c.yaml:8: pairs[1].name: is the name of an earlier pair"));
@@ -360,7 +360,7 @@ TEST_CASE("pairs have names of their own, and there are 1 .. 16 of them") {
   CHECK_THAT(refusal(many + pair), Catch::Matchers::ContainsSubstring("pairs: needs 1 .. 16 pairs"));
 }
 
-TEST_CASE("what is not one YAML mapping is refused with a line") {
+TEST_CASE("a file that is not one YAML mapping is refused with a line") {
   CHECK_THAT(refusal("vehicle: [\n"), Catch::Matchers::StartsWith("c.yaml:2: not YAML: "));
   CHECK_THAT(refusal("a: b: c\n"), Catch::Matchers::StartsWith("c.yaml:1: not YAML: "));
   CHECK_THAT(refusal(""), Catch::Matchers::StartsWith("c.yaml:1: "));
@@ -374,7 +374,7 @@ TEST_CASE("what is not one YAML mapping is refused with a line") {
   CHECK_THAT(refusal("vehicle: " + std::string(100'000, '[')), Catch::Matchers::StartsWith("c.yaml:1: "));
 }
 
-TEST_CASE("an alias is a value like any other, and a bomb of aliases harms nobody") {
+TEST_CASE("an alias is a value like any other, and exponentially nested aliases are harmless") {
   CHECK(parse(with("lidar_top", "&frame lidar_top")));
   std::string bomb = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n";
   for (int i = 1; i < 30; ++i) {
@@ -386,7 +386,7 @@ TEST_CASE("an alias is a value like any other, and a bomb of aliases harms nobod
   CHECK_THAT(refusal("vehicle: &self [*self]\npairs: *self\n"), Catch::Matchers::StartsWith("c.yaml:1: "));
 }
 
-TEST_CASE("a file that is not there is said to be so") {
+TEST_CASE("a missing file is reported as such") {
   const TemporaryFolder folder;
   CHECK(load_config(folder.path() / "none.yaml", places).error().code == "config_not_found");
   CHECK(load_config(folder.path(), places).error().code == "config_not_found");

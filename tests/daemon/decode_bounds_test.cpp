@@ -9,7 +9,7 @@
 using namespace calib;
 using namespace calib::test;
 
-TEST_CASE("a cloud of more points than the configuration allows is refused by its number, the bound and the key") {
+TEST_CASE("the error for a cloud with too many points has their number, the bound and the key") {
   CloudMessage cloud;  // of 6 points
   CHECK(require_ok(decode_cloud(cloud.raw(), 6)).points.size() == 6);
   const auto refused = decode_cloud(cloud.raw(), 5);
@@ -17,14 +17,14 @@ TEST_CASE("a cloud of more points than the configuration allows is refused by it
   CHECK(refused.error().context == "6 points where 5 are allowed (lidar.max_points)");
 }
 
-TEST_CASE("a single row's step may be anything from its points on") {
+TEST_CASE("the row_step of a cloud with one row may be any that holds its points") {
   CloudMessage cloud;
   cloud.width = 6, cloud.height = 1;
   cloud.row_step = 1'000'000;
   CHECK(require_ok(decode_cloud(cloud.raw())).points.size() == 6);
 }
 
-TEST_CASE("an image of another size is refused once its header makes sense, and before its pixels are looked at") {
+TEST_CASE("the size of an image is checked after its header and before its pixels") {
   const ImageBound bound = ImageBound::exactly({7, 4}, "camera.size");
   ImageMessage image;
   CHECK(decode_image(image.raw(), Colour::rgb, bound).error().code == "image_size_mismatch");
@@ -41,7 +41,7 @@ TEST_CASE("an image of another size is refused once its header makes sense, and 
   CHECK(decode_disparity(disparity.raw(), ImageBound::exactly({6, 4}, "camera.size")));
 }
 
-TEST_CASE("what is thrown over a message becomes an error") {
+TEST_CASE("an exception from a decoder becomes an error") {
   CHECK(require_ok(no_throw([]() -> Result<int> { return 7; })) == 7);
   CHECK(no_throw([]() -> Result<int> { throw std::bad_alloc(); }).error().code == "out_of_memory");
   const auto thrown = no_throw([]() -> Result<int> { throw std::runtime_error("no such thing"); });

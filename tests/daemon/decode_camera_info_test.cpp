@@ -12,7 +12,7 @@ Result<CameraInfo> decode(CameraInfoMessage& message) { return decode_camera_inf
 
 }  // namespace
 
-TEST_CASE("a camera info keeps what it says") {
+TEST_CASE("a CameraInfo is decoded unchanged") {
   CameraInfoMessage message;
   const CameraInfo info = require_ok(decode(message));
   CHECK(info.stamp == std::chrono::seconds(12) + std::chrono::nanoseconds(345));
@@ -24,7 +24,7 @@ TEST_CASE("a camera info keeps what it says") {
   CHECK(info.P == message.p);
 }
 
-TEST_CASE("a distortion model's name and coefficients become a lens that Camera takes") {
+TEST_CASE("name and coefficients of a distortion model are converted for Camera") {
   struct Named {
     std::string name;
     std::size_t coefficients;
@@ -57,7 +57,7 @@ TEST_CASE("a distortion model's name and coefficients become a lens that Camera 
   CHECK_THAT(refusal, Catch::Matchers::ContainsSubstring("thin_prism' is none of plumb_bob, "));
 }
 
-TEST_CASE("a camera info's roi and binning give the intrinsics of the image that is published") {
+TEST_CASE("roi and binning of a CameraInfo give the intrinsics of the published image") {
   CameraInfoMessage message;
   message.p[3] = -500 * 0.5;  // a baseline of 0.5 m
   message.roi_x = 100, message.roi_y = 60, message.roi_width = 401, message.roi_height = 300;

@@ -28,7 +28,7 @@ TEST_CASE("a cloud keeps its points and their reflectance") {
   }
 }
 
-TEST_CASE("a cloud without points is an empty scan, however many rows it claims") {
+TEST_CASE("a cloud without points is an empty scan, with any number of rows") {
   CloudMessage message;
   message.data.clear();
   message.width = 0;
@@ -38,7 +38,7 @@ TEST_CASE("a cloud without points is an empty scan, however many rows it claims"
   CHECK(require_ok(decode(message)).points.empty());
 }
 
-TEST_CASE("points that are no measurement are dropped") {
+TEST_CASE("points that are not measurements are dropped") {
   CloudMessage message;
   const auto set = [&](std::size_t point, std::size_t axis, float value) {
     std::memcpy(message.data.data() + 16 * point + 4 * axis, &value, sizeof(value));
@@ -59,7 +59,7 @@ TEST_CASE("points that are no measurement are dropped") {
   CHECK(scan.points[1].x_m == 6);
 }
 
-TEST_CASE("the statistics tells how far points were that were dropped for being far") {
+TEST_CASE("statistics include points that are dropped for their range") {
   CloudMessage message;
   for (std::size_t point = 0; point < 6; ++point) {
     const float x = 8000.0F + static_cast<float>(point);
@@ -127,7 +127,7 @@ void check_same_points(CloudMessage message) {
 
 }  // namespace
 
-TEST_CASE("unaligned and big-endian clouds, of every field type, equal the plain one") {
+TEST_CASE("unaligned and big-endian clouds of every field type decode to the same points") {
   for (const bool big_endian : {false, true})
     for (const std::uint32_t shift : {0U, 1U, 3U}) {
       INFO("big endian " << big_endian << ", shift " << shift);

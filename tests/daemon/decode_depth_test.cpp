@@ -49,12 +49,12 @@ TEST_CASE("depth is read in millimetres and metres, in either byte order, with p
   CHECK(depth.stamp == std::chrono::seconds(12) + std::chrono::nanoseconds(345));
 }
 
-TEST_CASE("what is no depth is none, and never infinite, negative or not a number") {
+TEST_CASE("pixels without depth have none, and depth is never infinite, negative or NaN") {
   const float inf = std::numeric_limits<float>::infinity(), nan = std::numeric_limits<float>::quiet_NaN();
   CHECK(depths(picture<float>("32FC1", {nan, inf, -inf, -1, 0, 1e-45F})) == std::vector<float>(6));
 }
 
-TEST_CASE("a depth image that breaks a bound is refused by what is wrong") {
+TEST_CASE("a depth image outside of a bound is refused with the name of the bound") {
   const auto good = picture<float>("32FC1", {1, 2, 3});
   const auto spoilt = [&](auto spoil) {
     ImageMessage message = good;
@@ -70,7 +70,7 @@ TEST_CASE("a depth image that breaks a bound is refused by what is wrong") {
   CHECK(spoilt([](ImageMessage& m) { m.nanosec = 2'000'000'000; }) == "malformed:stamp");
 }
 
-TEST_CASE("a disparity image gives depth by its own f and t, with the outer stamp") {
+TEST_CASE("a disparity image gives depth by its f and t, with the stamp of the outer header") {
   DisparityMessage message;
   const DepthImage depth = require_ok(decode_disparity(message.raw()));
   CHECK((depth.width == 6 && depth.height == 4));
@@ -78,7 +78,7 @@ TEST_CASE("a disparity image gives depth by its own f and t, with the outer stam
   for (std::size_t i = 0; i < 24; ++i) CHECK(depth.inverse_depth[i] == Approx((1.0 + double(i)) / 100));
 }
 
-TEST_CASE("disparities out of range and out of the valid window are no depth") {
+TEST_CASE("disparities outside of the range or of the valid window are no depth") {
   DisparityMessage message;
   message.min_disparity = 2;
   message.max_disparity = 20;
@@ -89,7 +89,7 @@ TEST_CASE("disparities out of range and out of the valid window are no depth") {
   for (int i = 0; i < 24; ++i) CHECK((depth[i] > 0) == (i / 6 >= 1 && i % 6 >= 1 && i + 1 <= 20));
 }
 
-TEST_CASE("a disparity image that breaks a bound is refused by what is wrong") {
+TEST_CASE("a disparity image outside of a bound is refused with the name of the bound") {
   const auto refused = [](auto spoil) {
     DisparityMessage message;
     spoil(message);

@@ -62,7 +62,7 @@ cv::Mat mosaic(const cv::Mat& scene, const std::string& pattern) {
 
 }  // namespace
 
-TEST_CASE("every encoding becomes the grey that OpenCV makes of it, padded rows or not") {
+TEST_CASE("every encoding gives OpenCV's grey, with and without padded rows") {
   const cv::Mat bgr = colour_scene(22, 14);
   cv::Mat grey, rgb, bgra, rgba;
   cv::cvtColor(bgr, grey, cv::COLOR_BGR2GRAY);
@@ -97,7 +97,7 @@ TEST_CASE("16-bit grey is scaled from its full range, in both byte orders and at
   }
 }
 
-TEST_CASE("a Bayer image of a smooth scene gives that scene's grey, whichever the pattern") {
+TEST_CASE("a Bayer image of a smooth scene gives the grey of that scene for every pattern") {
   // Strong colours: a pattern mistaken for another swaps red and blue, 60 grey levels apart here.
   cv::Mat bgr(24, 32, CV_8UC3, cv::Scalar(10, 120, 250)), grey;
   cv::cvtColor(bgr, grey, cv::COLOR_BGR2GRAY);
@@ -108,7 +108,7 @@ TEST_CASE("a Bayer image of a smooth scene gives that scene's grey, whichever th
   }
 }
 
-TEST_CASE("YUV 4:2:2 gives its luma, wherever in the pair of bytes that is") {
+TEST_CASE("YUV 4:2:2 gives its luma, in either byte order") {
   const cv::Mat scene = colour_scene(22, 14);
   cv::Mat luma;
   cv::cvtColor(scene, luma, cv::COLOR_BGR2GRAY);
@@ -121,7 +121,7 @@ TEST_CASE("YUV 4:2:2 gives its luma, wherever in the pair of bytes that is") {
   }
 }
 
-TEST_CASE("a compressed image decodes to the camera's own pixels") {
+TEST_CASE("a compressed image decodes to the pixels of the camera") {
   const cv::Mat scene = colour_scene(64, 48);
   cv::Mat grey;
   cv::cvtColor(scene, grey, cv::COLOR_BGR2GRAY);
@@ -157,7 +157,7 @@ TEST_CASE("a JPEG's size is read from its frame header, before any decoding") {
   CHECK(decode(message).error().code == "malformed:compressed_dimensions");
 }
 
-TEST_CASE("a JPEG that was cut short is refused, one that is padded is not") {
+TEST_CASE("an incomplete JPEG is refused, a padded one is not") {
   auto message = compressed_message(".jpg", colour_scene(64, 48));
   message.data.insert(message.data.end(), 100, 0);
   CHECK(decode(message));
@@ -165,7 +165,7 @@ TEST_CASE("a JPEG that was cut short is refused, one that is padded is not") {
   CHECK(decode(message).error().code == "malformed:compressed_data");
 }
 
-TEST_CASE("colour is decoded when it is wanted, beside the same grey") {
+TEST_CASE("colour is decoded on request and does not change the grey") {
   const cv::Mat scene = colour_scene(32, 24);
   cv::Mat rgb, rgba, bgra;
   cv::cvtColor(scene, rgb, cv::COLOR_BGR2RGB);

@@ -10,7 +10,7 @@ using namespace calib;
 using namespace calib::test;
 using namespace std::chrono_literals;
 
-TEST_CASE("an IMU and odometry tell how fast the vehicle turns, about whichever axes") {
+TEST_CASE("IMU and odometry give the turn rate about any axis") {
   for (const TurnRate& rate :
        {require_ok(decode_imu(ImuMessage{}.raw())), require_ok(decode_odometry(OdometryMessage{}.raw()))}) {
     CHECK(rate.stamp == 12s + 345ns);
@@ -24,7 +24,7 @@ TEST_CASE("an IMU and odometry tell how fast the vehicle turns, about whichever 
   CHECK(require_ok(decode_imu(still.raw())).rate_rad_s == 0);
 }
 
-TEST_CASE("what is no angular velocity is refused") {
+TEST_CASE("a message without a valid angular velocity is refused") {
   constexpr double nan = std::numeric_limits<double>::quiet_NaN(), inf = std::numeric_limits<double>::infinity();
   for (const double bad : {nan, inf, -inf, 1e200, 101.0, -101.0})
     for (const std::size_t axis : {0, 1, 2}) {

@@ -47,7 +47,7 @@ void check_bounds(const Message& good, const std::vector<Bound<Message>>& bounds
 
 }  // namespace
 
-TEST_CASE("every bound of an image is refused by its name, one step outside") {
+TEST_CASE("an image one step outside of a bound is refused with the name of the bound") {
   check_bounds<ImageMessage>(
       {},
       {{"malformed:stamp", [](auto& m) { m.nanosec = 999'999'999; }, [](auto& m) { m.nanosec = 1'000'000'000; }},
@@ -98,7 +98,7 @@ TEST_CASE("every bound of an image is refused by its name, one step outside") {
         }}});
 }
 
-TEST_CASE("every bound of a compressed image is refused by its name") {
+TEST_CASE("a compressed image outside of a bound is refused with the name of the bound") {
   CompressedImageMessage good;
   REQUIRE(cv::imencode(".png", cv::Mat(8, 8, CV_8UC1, cv::Scalar(9)), good.data));
   const auto png_size = [](std::uint32_t width, std::uint32_t height) {
@@ -128,7 +128,7 @@ TEST_CASE("every bound of a compressed image is refused by its name") {
              {"malformed:compressed_data", same, png_size(8, 9)}});
 }
 
-TEST_CASE("every bound of a cloud is refused by its name, one step outside") {
+TEST_CASE("a cloud one step outside of a bound is refused with the name of the bound") {
   const auto single_point = [](std::uint32_t point_step) {
     return [=](CloudMessage& m) {
       m.width = m.height = 1;
@@ -202,7 +202,7 @@ TEST_CASE("every bound of a cloud is refused by its name, one step outside") {
            {"malformed:cloud_data", same, [](auto& m) { m.row_step = 0xFFFFFFFF; }}});
 }
 
-TEST_CASE("every bound of a camera info is refused by its name") {
+TEST_CASE("a CameraInfo outside of a bound is refused with the name of the bound") {
   const auto same = [](CameraInfoMessage&) {};
   const auto model = [](std::string name, std::size_t count) {
     return [=](CameraInfoMessage& m) {
@@ -313,7 +313,7 @@ void check_outcome(const Result<Value>& result, const std::function<bool(const V
 
 }  // namespace
 
-TEST_CASE("a message corrupted at random is a sound value or a listed refusal") {
+TEST_CASE("a randomly corrupted message gives a valid value or a documented error") {
   const std::function sound_image = [](const Image& image) {
     return image.width > 0 && image.height > 0 && image.pixels.size() == std::size_t(image.width) * image.height;
   };

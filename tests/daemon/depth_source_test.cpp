@@ -55,7 +55,7 @@ struct Noise {
 
 }  // namespace
 
-TEST_CASE("the right camera is where both CameraInfo say") {
+TEST_CASE("the right camera follows from both CameraInfo") {
   const auto rig = require_ok(vehicle::Rig::make_unrectified(width, height));
   const auto right = require_ok(right_camera(rig.camera, {info(rig, false), info(rig, true)}));
   CHECK(distance(right.T_right_left, rig.T_left_right().inverse()) < 1e-12);
@@ -73,7 +73,7 @@ TEST_CASE("the right camera is where both CameraInfo say") {
   CHECK(require_ok(right_camera(straight.camera, {{}, digits})).camera.cx() == straight.camera.cx() + 5);
 }
 
-TEST_CASE("CameraInfo of cameras that nobody calibrated as a pair is refused, and says what to do") {
+TEST_CASE("CameraInfo of cameras that are not calibrated as a pair is refused with a remedy") {
   const auto rig = require_ok(vehicle::Rig::make_unrectified(width, height));
   const auto refusal = [&](auto spoil) {
     CameraInfo left = info(rig, false), right = info(rig, true);
@@ -96,7 +96,7 @@ TEST_CASE("CameraInfo of cameras that nobody calibrated as a pair is refused, an
              Catch::Matchers::ContainsSubstring("of no camera"));
 }
 
-TEST_CASE("stereo by CameraInfo waits for it, and uses it") {
+TEST_CASE("stereo without a configured right camera waits for CameraInfo and uses it") {
   const auto rig = require_ok(vehicle::Rig::make_unrectified(width, height));
   Noise noise;
   noise.config.camera.camera = rig.camera;
@@ -115,7 +115,7 @@ TEST_CASE("stereo by CameraInfo waits for it, and uses it") {
   CHECK(require_ok(source.estimate(pair)).width == width);
 }
 
-TEST_CASE("a long estimate leaves time to breathe, is given up when it takes too long, and the next may succeed") {
+TEST_CASE("a long estimate is polled and cancelled after its timeout; the next one may succeed") {
   Noise noise;
   int breaths = 0;
   noise.config.depth_timeout = 1ms;
@@ -130,7 +130,7 @@ TEST_CASE("a long estimate leaves time to breathe, is given up when it takes too
   CHECK(require_ok(impatient.estimate(noise.pair)).width == 1600);
 }
 
-TEST_CASE("when calibd ends, an estimate is given up") {
+TEST_CASE("an estimate is cancelled when calibd stops") {
   Noise noise;
   DepthSource source(noise.config, [] { return false; });
   const auto ended = source.estimate(noise.pair);
@@ -138,7 +138,7 @@ TEST_CASE("when calibd ends, an estimate is given up") {
   CHECK_THAT(ended.error().context, Catch::Matchers::Contains("calibd ends"));
 }
 
-TEST_CASE("depth is not estimated while it is being estimated") {
+TEST_CASE("a second estimate during the first one is refused") {
   Noise noise;
   std::string meanwhile;
   DepthSource* asked = nullptr;
@@ -152,7 +152,7 @@ TEST_CASE("depth is not estimated while it is being estimated") {
   CHECK_THAT(meanwhile, Catch::Matchers::Contains("already"));
 }
 
-TEST_CASE("a source that cannot be made says so every time, and names the cause") {
+TEST_CASE("a source that cannot be made fails each time with the cause") {
   Noise noise;
   noise.config.depth = OnnxDepthConfig{.model = "/nowhere/model.yaml", .settings = {}};
   DepthSource source(noise.config, [] { return true; });

@@ -48,7 +48,7 @@ struct SpoiledWriter {
 
 }  // namespace
 
-TEST_CASE("writers of other programs are heard of with their topic, type and reliability, own ones are not") {
+TEST_CASE("writers of other programs are listed with topic, type and reliability, own ones are not") {
   bus();
   const Peer peer(dds_domain());
   const auto cloud = require_ok(make_writer(peer.participant(), cloud_type, "/lidar/points", {}));
@@ -65,7 +65,7 @@ TEST_CASE("writers of other programs are heard of with their topic, type and rel
   CHECK(std::ranges::none_of(all, [](const RemoteWriter& writer) { return writer.topic == "/diagnostics"; }));
 }
 
-TEST_CASE("a writer that is gone is not heard of") {
+TEST_CASE("a writer that was deleted is not listed") {
   bus();
   const Peer peer(dds_domain());
   {
@@ -78,7 +78,7 @@ TEST_CASE("a writer that is gone is not heard of") {
   }));
 }
 
-TEST_CASE("what keeps a writer from being read is said") {
+TEST_CASE("the reason why a writer cannot be read is given") {
   bus();
   const Peer peer(dds_domain());
   const SpoiledWriter partition(peer, "rt/partition", [](dds_qos_t* qos) { dds_qset_partition1(qos, "night"); });

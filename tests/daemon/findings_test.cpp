@@ -96,7 +96,7 @@ using Names = std::vector<std::string>;
 
 }  // namespace
 
-TEST_CASE("with a healthy pair every check is ok") {
+TEST_CASE("every check of a healthy pair is ok") {
   for (const Finding& finding : diagnose(healthy())) {
     INFO(finding.check << ": " << finding.seen);
     CHECK(finding.result == FindingResult::ok);
@@ -105,7 +105,7 @@ TEST_CASE("with a healthy pair every check is ok") {
   }
 }
 
-TEST_CASE("a topic that nobody publishes is put down to a misspelling when a likely one is free") {
+TEST_CASE("for a topic without publisher the nearest topic that is not in use is suggested") {
   PairObservation seen = healthy();
   silence(seen, "cloud");
   CHECK(problems(seen) == Names{"cloud/no_publisher"});
@@ -121,7 +121,7 @@ TEST_CASE("a topic that nobody publishes is put down to a misspelling when a lik
   CHECK(finding(seen, "cloud").code == "nobody_heard");
 }
 
-TEST_CASE("a topic of another type, of an unreadable publisher, silent or malformed is told apart") {
+TEST_CASE("wrong type, incompatible QoS, silence and malformed messages are distinguished") {
   PairObservation seen = healthy();
   silence(seen, "image");
   seen.writers.push_back({"/left/image", cloud_type_name, true, ""});
@@ -147,7 +147,7 @@ TEST_CASE("two publishers of one topic are a warning") {
   CHECK(finding(seen, "image").code == "several_publishers");
 }
 
-TEST_CASE("a clock that is off is named, alone or with all others") {
+TEST_CASE("a wrong clock is named, of one sensor or of all") {
   PairObservation seen = healthy();
   find(seen, "cloud").age = 61s;
   seen.time_difference = fail(ErrorCode::time_difference, "61 s apart");
@@ -164,7 +164,7 @@ TEST_CASE("a clock that is off is named, alone or with all others") {
   CHECK(problems(seen) == Names{"clock/stamps_stand_still"});
 }
 
-TEST_CASE("samples that never belong together are a problem of pairing") {
+TEST_CASE("samples that never form a pair are a problem of pairing") {
   PairObservation seen = healthy();
   seen.time_difference = fail(ErrorCode::time_difference, "image and point cloud are at least 80 ms apart");
   CHECK(problems(seen) == Names{"pairing/time_difference"});
@@ -172,7 +172,7 @@ TEST_CASE("samples that never belong together are a problem of pairing") {
   CHECK(problems(seen) == Names{"pairing/right_image_missing"});
 }
 
-TEST_CASE("an image of another size is named, and whether it is scaled") {
+TEST_CASE("an image of another size is reported, and whether it is scaled") {
   PairObservation seen = healthy();
   seen.image = ImageSize{320, 96};
   CHECK(problems(seen) == Names{"image_size/image_size_mismatch"});
@@ -182,7 +182,7 @@ TEST_CASE("an image of another size is named, and whether it is scaled") {
   CHECK_FALSE(holds(finding(seen, "image_size").cause, "scaled"));
 }
 
-TEST_CASE("images of another size, which are not decoded, hide no other cause and are none of pairing") {
+TEST_CASE("images of another size, which are not decoded, are not a problem of pairing") {
   PairObservation seen = healthy();
   seen.image = ImageSize{320, 96};
   seen.time_difference = fail(ErrorCode::sensor_silent, "no image arrived");
@@ -195,7 +195,7 @@ TEST_CASE("images of another size, which are not decoded, hide no other cause an
   CHECK(holds(finding(seen, "image_size").seen, "depth.right_camera.size is 7 x 4"));
 }
 
-TEST_CASE("a lens that CameraInfo contradicts is named") {
+TEST_CASE("a lens that contradicts CameraInfo is a problem") {
   PairObservation seen = healthy();
   seen.camera = require_ok(Camera::make(CameraModel::equidistant, 640, 192, {370, 370, 320, 90}, {0, 0, 0, 0}));
   CHECK(problems(seen) == Names{"lens/wrong_lens_model"});
@@ -212,7 +212,7 @@ TEST_CASE("a lens that CameraInfo contradicts is named") {
   CHECK(finding(seen, "lens").result == FindingResult::not_checked);
 }
 
-TEST_CASE("raw images under a rectified lens are a problem when depth says so, else a warning by their name") {
+TEST_CASE("raw images with a rectified lens are a problem if depth confirms it, otherwise a warning") {
   PairObservation seen = healthy();
   seen.camera_info->D = {-0.3, 0.1, 0, 0, 0};
   CHECK(finding(seen, "lens").result == FindingResult::warning);
@@ -224,7 +224,7 @@ TEST_CASE("raw images under a rectified lens are a problem when depth says so, e
   CHECK(finding(seen, "lens").result == FindingResult::ok);
 }
 
-TEST_CASE("a cloud in another unit is named by its ranges, or by metric depth") {
+TEST_CASE("the unit of a cloud is recognised by its ranges or by metric depth") {
   PairObservation seen = healthy();
   const auto unit = [&](double median_range, std::uint64_t too_far) {
     seen.cloud = CloudStatistics{60000, 100, 0, too_far, median_range};
@@ -246,7 +246,7 @@ TEST_CASE("a cloud in another unit is named by its ranges, or by metric depth") 
   CHECK(problems(seen) == Names{"cloud_range/empty_cloud"});
 }
 
-TEST_CASE("ordinary clouds, of a car park or of a motorway, are metres") {
+TEST_CASE("ordinary clouds, of a car park or of a motorway, are in metres") {
   PairObservation seen = healthy();
   for (const double median_range : {2.0, 5.0, 30.0, 90.0}) {
     seen.cloud = CloudStatistics{60000, 100, 5000, 0, median_range};
@@ -254,7 +254,7 @@ TEST_CASE("ordinary clouds, of a car park or of a motorway, are metres") {
   }
 }
 
-TEST_CASE("stereo images that are exchanged are named") {
+TEST_CASE("exchanged stereo images are recognised") {
   PairObservation seen = healthy();
   seen.depth = DepthTrial{0.08, {}};
   seen.extrinsic->agreement = DepthAgreement{0.1, 0.4, 500};
@@ -263,7 +263,7 @@ TEST_CASE("stereo images that are exchanged are named") {
   CHECK(problems(seen) == Names{"depth/stereo_swapped"});
 }
 
-TEST_CASE("an extrinsic that reads better otherwise is named with what it should be") {
+TEST_CASE("a misread extrinsic is reported with the likely right one") {
   PairObservation seen = healthy();
   seen.extrinsic->agreement = DepthAgreement{0.1, 1, 500};
   seen.extrinsic->likely = ExtrinsicReading{"inverse", "it looks like the inverse", RigidTransform::Identity()};
@@ -275,7 +275,7 @@ TEST_CASE("an extrinsic that reads better otherwise is named with what it should
   CHECK(problems(seen) == Names{"extrinsic/extrinsic_out_of_view"});
 }
 
-TEST_CASE("depth that is inverted, unrelated, weak, of another lens or failed is told apart") {
+TEST_CASE("inverted, unrelated, weak and failed depth and a wrong lens are distinguished") {
   PairObservation seen = healthy();
   seen.depth_kind = OnnxDepthConfig::kind;
   const auto with = [&](double correlation) {
@@ -303,7 +303,7 @@ TEST_CASE("a dark scene is a warning") {
   CHECK(finding(seen, "scene").code == "dark");
 }
 
-TEST_CASE("a pair of which nothing was seen has problems, and nothing about it is ok") {
+TEST_CASE("a pair without any message has problems, and none of its checks is ok") {
   PairObservation seen = healthy();
   for (const char* check : {"image", "right_image", "cloud", "camera_info"}) silence(seen, check);
   seen.image = {}, seen.camera_info = {}, seen.cloud = {}, seen.extrinsic = {};
@@ -313,7 +313,7 @@ TEST_CASE("a pair of which nothing was seen has problems, and nothing about it i
         Names{"image/nobody_heard", "right_image/nobody_heard", "cloud/nobody_heard", "camera_info/nobody_heard"});
 }
 
-TEST_CASE("names from outside are bounded, and escaped in JSON") {
+TEST_CASE("untrusted names are bounded, and escaped in JSON") {
   PairObservation seen = healthy();
   silence(seen, "cloud");
   seen.writers.push_back({"dds:" + std::string(5000, 'x') + "\x1b[31m", cloud_type_name, true, ""});

@@ -41,7 +41,7 @@ TEST_CASE("an image of another size is refused with both sizes and the key") {
   CHECK(bound.max_pixels() == 640 * 480);
 }
 
-TEST_CASE("registered depth may be scaled, as libcalib takes it, and no larger than four times the pixels") {
+TEST_CASE("registered depth may be scaled, to at most four times the pixels") {
   const ImageBound bound = ImageBound::scaled({640, 480}, "camera.size");
   CHECK(refusal(bound, {320, 240}).empty());
   CHECK(refusal(bound, {1280, 960}).empty());
@@ -54,19 +54,19 @@ TEST_CASE("registered depth may be scaled, as libcalib takes it, and no larger t
         "the image is 1284 x 963, more than 4 times the pixels of 640 x 480 (camera.size)");
 }
 
-TEST_CASE("an image of which little is known has at most four times the pixels") {
+TEST_CASE("an image of unknown size has at most four times the pixels") {
   const ImageBound bound = ImageBound::similar({640, 480}, "camera.size");
   CHECK(refusal(bound, {100, 100}).empty());
   CHECK(refusal(bound, {1280, 960}).empty());
   CHECK_FALSE(refusal(bound, {1281, 960}).empty());
 }
 
-TEST_CASE("nothing is larger than 64 Mpx") {
+TEST_CASE("no image is larger than 64 Mpx") {
   CHECK(refusal({}, {8000, 8000}).empty());
   CHECK(ImageBound::similar({8000, 8000}, "camera.size").max_pixels() == max_image_pixels);
 }
 
-TEST_CASE("a pair's topics have the sizes of its configuration") {
+TEST_CASE("the topics of a pair have the image sizes of its configuration") {
   PairConfig config = pair();
   PairTopics topics = topics_of(config);
   CHECK_FALSE(refusal(topics.image_bound, {640, 481}).empty());

@@ -25,7 +25,7 @@ struct Log {
 
 }  // namespace
 
-TEST_CASE("ten lines a minute pass, the others are counted and told") {
+TEST_CASE("ten lines a minute are written, the others are counted and reported") {
   Log log;
   for (int i = 0; i < 1010; ++i) log.limit->log(4, "malformed packet " + std::to_string(i) + "\n");
   REQUIRE(log.lines.size() == 10);
@@ -41,7 +41,7 @@ TEST_CASE("ten lines a minute pass, the others are counted and told") {
   CHECK(log.lines.size() == 11);
 }
 
-TEST_CASE("the next minute begins with the next line, and tells of the last") {
+TEST_CASE("the next minute begins with the next line, and reports the last one") {
   Log log;
   for (int i = 0; i < 12; ++i) log.limit->log(3, "a");
   log.now += 5min;
@@ -53,7 +53,7 @@ TEST_CASE("the next minute begins with the next line, and tells of the last") {
   CHECK(log.priorities[10] == 4);
 }
 
-TEST_CASE("few lines pass as they are, and the end tells nothing of them") {
+TEST_CASE("few lines are written unchanged, and nothing is reported at the end") {
   Log log;
   for (int i = 0; i < 10; ++i) log.limit->log(4, "a");
   log.now += 2min;
@@ -62,7 +62,7 @@ TEST_CASE("few lines pass as they are, and the end tells nothing of them") {
   CHECK(log.lines.size() == 10);
 }
 
-TEST_CASE("what was counted is told at the end") {
+TEST_CASE("the count is reported at the end") {
   Log log;
   for (int i = 0; i < 15; ++i) log.limit->log(4, "a");
   log.limit.reset();
@@ -70,7 +70,7 @@ TEST_CASE("what was counted is told at the end") {
   CHECK(log.lines[10] == "Cyclone DDS: 5 more messages in the last minute, the last: a");
 }
 
-TEST_CASE("a line is one line, of bounded length") {
+TEST_CASE("a message is one line of bounded length") {
   Log log;
   log.limit->log(4, "first\nsecond\n");
   log.limit->log(4, std::string(100'000, 'x'));
@@ -78,7 +78,7 @@ TEST_CASE("a line is one line, of bounded length") {
   CHECK(log.lines[1].size() == std::string("Cyclone DDS: ").size() + LogLimit::longest_line);
 }
 
-TEST_CASE("lines of many threads are counted all") {
+TEST_CASE("lines of several threads are all counted") {
   std::vector<std::string> lines;
   std::mutex mutex;
   LogLimit limit("x", &std::chrono::steady_clock::now, [&](int, const std::string& line) {

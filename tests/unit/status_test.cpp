@@ -185,7 +185,8 @@ TEST_CASE("a status with anything missing or of another kind is refused") {
     INFO(path);
     const json::json_pointer pointer(path);
     json other = good;
-    other[pointer] = value.is_string() ? json(1) : json("text");
+    // Any word can be a cause that only a newer calibd knows.
+    other[pointer] = value.is_string() || path == "/pairs/0/cause" ? json(1) : json("text");
     CHECK(refused(other));
     if (value.is_array() || pointer.back().find_first_not_of("0123456789") != std::string::npos) {
       json missing = good;
