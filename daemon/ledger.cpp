@@ -83,7 +83,8 @@ void Ledger::write_head() {
 
 void Ledger::index(CalibrationRecord record) {
   last_of_pair_[record.pair] = record.sequence;
-  histories_[record.pair].add(std::move(record));
+  PairHistory& history = histories_[record.pair];
+  history.add(std::move(record));
 }
 
 const PairHistory& Ledger::history(std::string_view pair) const {

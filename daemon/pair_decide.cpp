@@ -72,7 +72,7 @@ PairDecision PairPipeline::decide(const PairState& state, Measurement measuremen
   after.drift = monitor.state();
   after.last_evaluated = now.time.wall;
   ++after.evaluated;
-  after.last_stamp = measurement.features.stamp;
+  after.last_stamp = measurement.image_stamp;
   const DriftBaseline& baseline = after.drift.baseline;
   after.score = PairStatus::Score{measurement.stencil.current, measurement.stencil.best_neighbour(),
                                   baseline.pairs > 0 ? std::optional(baseline.score) : std::nullopt};

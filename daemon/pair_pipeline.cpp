@@ -69,7 +69,10 @@ Result<Measurement> PairPipeline::measure(const FramePair& pair, const PairState
   const Objective objective = drift_objective(settings_.monocular_depth);
   const Stencil stencil = evaluate_stencil(*features, state.T_camera_lidar, {}, objective);
 
-  Measurement measurement{.features = std::move(*features), .stencil = stencil, .scene = thumbnail(pair.image)};
+  Measurement measurement{.features = std::move(*features),
+                          .stencil = stencil,
+                          .scene = thumbnail(pair.image),
+                          .image_stamp = pair.image.stamp};
   // How the stencil answers to a LiDAR that moves: a part of the baseline.
   if (DriftMonitor(settings_.drift, state.drift).wants_sensitivity())
     measurement.sensitivity = evaluate_sensitivity(measurement.features, state.T_camera_lidar, {}, objective);

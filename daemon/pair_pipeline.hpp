@@ -47,6 +47,7 @@ struct Measurement {
   Stencil stencil;
   std::optional<Matrix6> sensitivity = {};  // while the baseline is learned
   SceneThumbnail scene = {};
+  Timestamp image_stamp{};
   std::chrono::nanoseconds received{};  // since boot: when the last of its samples had arrived
 };
 

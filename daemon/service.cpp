@@ -78,6 +78,9 @@ bool Service::commit(Pair& pair, PairDecision& decision) {
   if (!written) {
     const bool news = !pair.store_failure || pair.store_failure->code != written.error().code;
     pair.store_failure = std::move(written.error());
+    // What was measured meanwhile is lost: the verdict has to be confirmed anew, and the next cycle is no measure.
+    pair.state.run.pairs = 0;
+    pair.state.run.last_window.reset();
     if (news)
       surroundings_.log(3, message_ids::store_failed,
                         name + ": " + pair.store_failure->context +

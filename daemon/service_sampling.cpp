@@ -61,6 +61,7 @@ std::optional<Skip> Service::prepare(Pair& pair) {
   const auto remark = pair.depth->prepare();
   const std::string& name = pair.config->name;
   if (remark) {
+    pair.depth_failure.reset();
     if (!remark->empty()) surroundings_.log(5, message_ids::depth_prepared, name + ": " + *remark);
     return std::nullopt;
   }
