@@ -16,11 +16,12 @@ class SampleSource {
   SampleSource(const SampleSource&) = delete;
   SampleSource& operator=(const SampleSource&) = delete;
   virtual ~SampleSource() = default;
-  /// As `SamplingWindow::wait`.
+  /// As `SamplingWindow::wait`; by the service's clock, too, time passes meanwhile.
   [[nodiscard]] virtual Result<std::vector<Sample>> wait(std::chrono::nanoseconds timeout) = 0;
 };
 
-/// What the service needs of DDS, as `Bus` explains it: a test gives it samples of its own.
+/// What the service needs of DDS, as `Bus` explains it: a test gives it samples of its own. `interrupt` and
+/// `publish_diagnostics` are called from another thread than the rest.
 class Network {
  public:
   Network() = default;

@@ -61,15 +61,13 @@ std::optional<std::string> failed_probation(const Probation& probation, bool ove
 
 PairDecision PairPipeline::decide(const PairState& state, Measurement measurement, const Now& now) const {
   PairState after = state;
-  const Objective objective = drift_objective(settings_.monocular_depth);
-  if (after.probation)
-    after.probation->add(measurement.stencil.current -
-                         score(measurement.features, now.history.in_force()->T_camera_lidar_before, objective).value);
+  if (after.probation && measurement.previous_score)
+    after.probation->add(measurement.stencil.current - *measurement.previous_score);
   AxisEvidence evidence = axis_evidence(measurement.stencil, measurement.features.stamp);
   evidence.sensitivity = measurement.sensitivity;
-  DriftMonitor monitor(settings_.drift, std::move(after.drift));
-  if (const auto observed = monitor.observe(evidence); !observed) return decide(state, Skip{observed.error()}, now);
-  after.drift = monitor.state();
+  DriftMonitor drift = monitor(after);
+  if (const auto observed = drift.observe(evidence); !observed) return decide(state, Skip{observed.error()}, now);
+  after.drift = drift.state();
   after.last_evaluated = now.time.wall;
   ++after.evaluated;
   after.last_stamp = measurement.image_stamp;
@@ -133,8 +131,7 @@ void PairPipeline::conclude_verdict(PairState& after, const Now& now) const {
     if (const Verdict last = shown(after.drift.verdict); last == Verdict::drifted || last == Verdict::suspect)
       after.reason += fmt::format("; it was {} when last evaluated", to_string(last));
   } else if (after.run.windows_without_evidence == 0) {
-    after.set(
-        {shown(after.drift.verdict), cause(after.drift.verdict), DriftMonitor(settings_.drift, after.drift).reason()});
+    after.set({shown(after.drift.verdict), cause(after.drift.verdict), monitor(after).reason()});
     if (after.verdict == Verdict::drifted)
       after.reason += "; pairs for recalibration: " + progress(after) + next_try(after, now);
     if (after.probation)
@@ -161,7 +158,7 @@ std::optional<CalibrationRecord> PairPipeline::baseline_due(const PairState& sta
   if (learned.pairs < due || known >= due) return std::nullopt;
   CalibrationRecord record =
       new_record(Decision::baseline, state, "calibd",
-                 fmt::format("what is normal at the extrinsic of record {} was learned from {} pairs",
+                 fmt::format("the baseline of the extrinsic of record {} was learned from {} pairs",
                              now.history.in_force()->sequence, learned.pairs));
   record.baseline = recorded(learned);
   return record;
@@ -217,12 +214,12 @@ PairStatus PairPipeline::status(const PairState& state, const std::optional<Erro
   status.evaluated = state.evaluated;
   status.skipped = state.skipped;
   status.score = state.score;
-  const DriftMonitor monitor(settings_.drift, state.drift);
-  if (const auto estimate = monitor.misalignment())
+  const DriftMonitor drift = monitor(state);
+  if (const auto estimate = drift.misalignment())
     status.misalignment = PairStatus::Misalignment{estimate->delta, estimate->sigma()};
-  if (monitor.learned()) {
+  if (drift.learned()) {
     status.detection_limit.emplace();
-    for (int axis = 0; axis < 6; ++axis) (*status.detection_limit)[axis] = monitor.detection_limit(axis);
+    for (int axis = 0; axis < 6; ++axis) (*status.detection_limit)[axis] = drift.detection_limit(axis);
   }
   status.T_camera_lidar = state.T_camera_lidar;
   return status;

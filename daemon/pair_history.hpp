@@ -22,11 +22,11 @@ struct PairHistory {
   [[nodiscard]] const CalibrationRecord* in_force() const;
   /// The one that was in force before the present one, if any.
   [[nodiscard]] const CalibrationRecord* before_in_force() const;
-  /// The last baseline of an extrinsic, or of the one in force; also from an earlier time when it was.
+  /// The last baseline of an extrinsic, or of the one in force; also one from an earlier time in which it was in force.
   [[nodiscard]] const CalibrationRecord* baseline(const RigidTransform& T_camera_lidar) const;
   [[nodiscard]] const CalibrationRecord* baseline() const;
-  /// The baseline that counts: of the extrinsic in force, from the time since it came into force or before it was put
-  /// in force again, and learned with what `evidence_sha256` is the digest of.
+  /// The baseline that counts: of the extrinsic in force, measured with what `evidence_sha256` is the digest of, and
+  /// learned since that extrinsic came into force; at any time before, where it was rolled back to.
   [[nodiscard]] const CalibrationRecord* known_baseline(const std::string& evidence_sha256) const;
   /// Whether the extrinsic in force has passed its probation: its baseline is signed at the end of that.
   [[nodiscard]] bool probation_passed() const;

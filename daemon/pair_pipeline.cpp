@@ -74,8 +74,11 @@ Result<Measurement> PairPipeline::measure(const FramePair& pair, const PairState
                           .scene = thumbnail(pair.image),
                           .image_stamp = pair.image.stamp};
   // How the stencil answers to a LiDAR that moves: a part of the baseline.
-  if (DriftMonitor(settings_.drift, state.drift).wants_sensitivity())
+  if (monitor(state).wants_sensitivity())
     measurement.sensitivity = evaluate_sensitivity(measurement.features, state.T_camera_lidar, {}, objective);
+  // What an extrinsic on probation has to be better than.
+  if (state.probation)
+    measurement.previous_score = score(measurement.features, state.T_camera_lidar_before, objective).value;
   return measurement;
 }
 
@@ -98,13 +101,14 @@ Result<RestoredPair> PairPipeline::restore(const Result<std::optional<PairState>
   std::string set_aside;
   if (saved && *saved) {
     state = **saved;
-    state.T_camera_lidar = in_force->T_camera_lidar;
+    state.put_in_force(*in_force);
     if (state.evidence_sha256 != settings_.evidence_sha256) {
       set_aside = "it was gathered with another configuration, depth model or calibd";
       set_evidence_aside(state, now);
     }
   } else {
     set_aside = saved ? "the store holds none" : saved.error().context;
+    state.put_in_force(*in_force);
     set_evidence_aside(state, now);
     if (!now.history.probation_passed()) state.probation.emplace();
   }
@@ -116,10 +120,10 @@ Result<RestoredPair> PairPipeline::restore(const Result<std::optional<PairState>
     after.reason = "starting: earlier evidence is set aside: " + set_aside;
     if (state.verdict != after.verdict)
       after.reason += fmt::format("; it was {} when last evaluated", to_string(state.verdict));
-    decision.journal.push_back(
-        {4, message_ids::evidence_set_aside,
-         fmt::format("{}: earlier evidence is set aside: {}; the baseline is {}", settings_.pair, set_aside,
-                     state.drift.baseline.pairs > 0 ? "that of the records" : "learned anew")});
+    restored.set_aside = {
+        4, message_ids::evidence_set_aside,
+        fmt::format("{}: earlier evidence is set aside: {}; the baseline is {}", settings_.pair, set_aside,
+                    state.drift.baseline.pairs > 0 ? "that of the records" : "learned anew")};
   }
   finish(decision, state, state.drift, now);
   return restored;

@@ -30,13 +30,13 @@ struct PairSettings {
   SearchBounds bounds{};
   QualityLimits quality{};
   DriftSettings drift{};
-  /// From one image, by a network: it errs alike in all images of a road, which shifts the optimum's translation by
-  /// decimetres, on pairs held back too. Then recalibration turns the LiDAR only.
+  /// Depth comes from one image, by a network. Its error is the same in all images of a road, which shifts the
+  /// optimum's translation by decimetres, on pairs held back too: recalibration then turns the LiDAR only.
   bool monocular_depth = false;
   RecalibrationMode mode = RecalibrationMode::propose;
   std::chrono::nanoseconds min_interval{};
   SamplingConfig sampling{};
-  /// Digest of what evidence is measured with.
+  /// Digest of what evidence is measured with: sensors, lens, depth source and software.
   std::string evidence_sha256{};
 };
 [[nodiscard]] PairSettings pair_settings(const Config& config, const PairConfig& pair, std::string evidence_sha256);
@@ -45,7 +45,8 @@ struct PairSettings {
 struct Measurement {
   FeatureSet features;
   Stencil stencil;
-  std::optional<Matrix6> sensitivity = {};  // while the baseline is learned
+  std::optional<Matrix6> sensitivity = {};    // while the baseline is learned
+  std::optional<double> previous_score = {};  // during a probation, at the extrinsic before
   SceneThumbnail scene = {};
   Timestamp image_stamp{};
   std::chrono::nanoseconds received{};  // since boot: when the last of its samples had arrived
@@ -54,15 +55,21 @@ struct Measurement {
 /// A window of sampling without a measurement.
 struct Skip {
   Error error;
-  int windows = 1;  // as good as so many of them
+  int windows = 1;  // counts as so many windows without evidence
 };
 
 // What is asked for, by a person ("uid:1000") or by calibd itself ("calibd").
 
+/// What the search for another extrinsic found, and the stamps of the frames that it was made from.
+struct FoundExtrinsic {
+  Recalibration result;
+  std::vector<Timestamp> frames;
+};
+/// Takes what `PairPipeline::search` found, if the gates let it pass.
 struct Recalibrate {
   std::string asked_by;
-  bool dry_run = false;                // decides, and changes nothing
-  std::function<bool()> keep_going{};  // called before each evaluation; false ends the recalibration
+  bool dry_run;  // decides, and changes nothing
+  Result<FoundExtrinsic> found;
 };
 /// Puts the proposed extrinsic in force; `proposal` is the record that `PairState::proposed_record` names.
 struct Accept {
@@ -104,10 +111,11 @@ struct PairDecision {
   bool recalibration_due = false;
 };
 
-/// A pair as a start finds it, which counts until what shall be done about it is written.
+/// `state` is the pair as it was saved, less evidence that was set aside; it counts until `decision` is written.
 struct RestoredPair {
   PairState state;
   PairDecision decision;
+  std::optional<JournalEntry> set_aside{};  // to be logged, whether or not anything can be written
 };
 
 /// The time, and what the records say, when something is decided.
@@ -116,7 +124,7 @@ struct Now {
   std::string boot_id;
   const PairHistory& history;
   std::uint64_t next_sequence = 1;  // of the record that is written next
-  /// Why the head of the chain of records could not be remembered; nothing when it was.
+  /// Why the head of the chain of records could not be saved; nothing when it was.
   std::optional<std::string> not_written{};
 };
 
@@ -128,14 +136,19 @@ class PairPipeline {
   explicit PairPipeline(PairSettings settings) : settings_(std::move(settings)) {}
 
   /// What a start makes of what was saved: the last record's extrinsic, unless the configuration has a new one since
-  /// (`T_camera_lidar`), for which an `initial` record is written. Evidence goes on when it was measured with what it
-  /// is measured with now, and is set aside otherwise. Nothing is claimed before this process has evidence of its own.
+  /// (`T_camera_lidar`), for which an `initial` record is written. Saved evidence is kept if its digest is the present
+  /// one, and set aside otherwise. Nothing is claimed before this process has evidence of its own.
   /// `saved` may be `malformed_state`; other errors are passed on.
   [[nodiscard]] Result<RestoredPair> restore(const Result<std::optional<PairState>>& saved,
                                              const RigidTransform& T_camera_lidar, const Now& now) const;
 
   /// Quality, depth, features, stencil. Fails with the reason why the pair carries no information, for `Skip`.
   [[nodiscard]] Result<Measurement> measure(const FramePair& pair, const PairState& state, DepthEstimator& depth) const;
+
+  /// The search of a recalibration, from the pairs since the onset of drift: it takes seconds to minutes. `keep_going`
+  /// is called before each evaluation; false ends it. Fails with `not_ready`, `cancelled`, `search_failed` or
+  /// `recalibration_failed`.
+  [[nodiscard]] Result<FoundExtrinsic> search(const PairState& state, const std::function<bool()>& keep_going) const;
 
   /// A window's end: verdict, baseline, end of a probation; and whether a recalibration is due.
   [[nodiscard]] PairDecision decide(const PairState& state, Measurement measurement, const Now& now) const;
@@ -153,6 +166,9 @@ class PairPipeline {
   [[nodiscard]] const PairSettings& settings() const { return settings_; }
 
  private:
+  [[nodiscard]] DriftMonitor monitor(const PairState& state) const {
+    return DriftMonitor(settings_.drift, state.drift);
+  }
   void set_evidence_aside(PairState& state, const Now& now) const;
   [[nodiscard]] CalibrationRecord new_record(Decision decision, const PairState& state, std::string asked_by,
                                              std::string reason) const;
@@ -165,10 +181,6 @@ class PairPipeline {
   [[nodiscard]] std::optional<Grounds> grounds(const PairState& state, std::optional<std::string> not_written) const;
 
   // pair_recalibrate.cpp
-  struct Search {
-    Recalibration result;
-    std::vector<Timestamp> frames;
-  };
   [[nodiscard]] std::size_t wanted_frames() const;
   [[nodiscard]] std::vector<const FeatureSet*> eligible_frames(const PairState& state) const;
   [[nodiscard]] std::string progress(const PairState& state) const;
@@ -177,7 +189,6 @@ class PairPipeline {
   [[nodiscard]] std::string next_try(const PairState& state, const Now& now) const;
   void count_refusal(PairState& state) const;
   [[nodiscard]] RecalibrationSettings recalibration_settings(const PairState& state) const;
-  [[nodiscard]] Result<Search> search(const PairState& state, const std::function<bool()>& keep_going) const;
 
   // pair_in_force.cpp
   [[nodiscard]] PairDecision put_in_force(CalibrationRecord record, const PairState& before, PairState after,

@@ -42,7 +42,7 @@ std::size_t PairPipeline::wanted_frames() const {
 
 /// Those from after the onset of drift; all when there is none.
 std::vector<const FeatureSet*> PairPipeline::eligible_frames(const PairState& state) const {
-  const Timestamp from = DriftMonitor(settings_.drift, state.drift).onset().value_or(Timestamp::min());
+  const Timestamp from = monitor(state).onset().value_or(Timestamp::min());
   std::vector<const FeatureSet*> frames;
   for (const auto& features : state.run.frames)
     if (features->stamp >= from) frames.push_back(features.get());
@@ -81,44 +81,43 @@ void PairPipeline::count_refusal(PairState& state) const {
 }
 
 RecalibrationSettings PairPipeline::recalibration_settings(const PairState& state) const {
-  const DriftMonitor monitor(settings_.drift, state.drift);
+  const DriftMonitor drift = monitor(state);
   RecalibrationSettings settings{.bounds = settings_.bounds, .translation = !settings_.monocular_depth};
-  if (!monitor.onset()) {
+  if (!drift.onset()) {
     settings.min_change_rotation_rad = settings_.drift.max_bias_rotation_rad;
     settings.min_change_translation_m = settings_.drift.max_bias_translation_m;
   }
-  settings.expected = expectation(monitor);
-  settings.baseline_score = normal_score(monitor, settings_.monocular_depth);
+  settings.expected = expectation(drift);
+  settings.baseline_score = normal_score(drift, settings_.monocular_depth);
   return settings;
 }
 
 /// From the eligible frames, of which every fifth is held back. Memory that runs out, and what a library throws, cost
 /// the recalibration and no more.
-Result<PairPipeline::Search> PairPipeline::search(const PairState& state, const std::function<bool()>& keep_going) const
-    try {
+Result<FoundExtrinsic> PairPipeline::search(const PairState& state, const std::function<bool()>& keep_going) const try {
   const auto frames = eligible_frames(state);
   if (frames.size() < wanted_frames())
     return fail(ErrorCode::not_ready,
                 "only " + progress(state) + " good pairs are at hand; try again when there are more");
   std::vector<const FeatureSet*> fit, held_back;
-  Search search;
+  FoundExtrinsic found;
   for (std::size_t i = 0; i < frames.size(); ++i) {
     (i % 5 == 4 ? held_back : fit).push_back(frames[i]);
-    search.frames.push_back(frames[i]->stamp);
+    found.frames.push_back(frames[i]->stamp);
   }
   RecalibrationSettings settings = recalibration_settings(state);
   settings.keep_going = keep_going;
   auto result = recalibrate(fit, held_back, state.T_camera_lidar, settings);
   if (!result) return propagate(result);
-  search.result = std::move(*result);
-  return search;
+  found.result = std::move(*result);
+  return found;
 } catch (const std::exception& exception) {
   return fail(ErrorCode::recalibration_failed, std::string("the recalibration was broken off: ") + exception.what());
 }
 
 PairDecision PairPipeline::decide(const PairState& state, const Recalibrate& request, const Now& now) const {
   PairDecision decision;
-  const auto found = search(state, request.keep_going);
+  const auto& found = request.found;
   if (!found) {
     if (found.error().code == ErrorCode::recalibration_failed) {
       decision.state = state;
@@ -143,7 +142,6 @@ PairDecision PairPipeline::decide(const PairState& state, const Recalibrate& req
   for (Timestamp stamp : found->frames) record.frame_stamps_ns.push_back(stamp.count());
   PairState after = state;
   after.recalibrated = now.time.wall;
-  after.run.last_window.reset();  // a recalibration is no part of a cycle
   if (outcome == Decision::accepted) {
     decision = put_in_force(std::move(record), state, std::move(after), now);
     decision.answer->result = result;

@@ -11,6 +11,7 @@
 
 #include "calib/drift.hpp"
 #include "calib/quality.hpp"
+#include "calib/record.hpp"
 #include "calib/status.hpp"
 
 namespace calib {
@@ -44,7 +45,7 @@ struct PairRun {
   std::array<std::chrono::nanoseconds, 2> cycles{};
 };
 
-/// What is known of a pair. All but the last two members survive a restart, beside the records.
+/// What is known of a pair. The extrinsics come from the records, and `run` ends with the process; all else is saved.
 struct PairState {
   DriftState drift;
   /// Digest of what `drift` was measured with; empty while there is none.
@@ -66,8 +67,8 @@ struct PairState {
   std::optional<std::uint64_t> proposed_record;
   /// While the extrinsic in force is on probation.
   std::optional<Probation> probation;
-  /// Recalibrations in turn that were refused, or did not stand their probation. Each doubles what calibd waits for
-  /// before it tries again by itself: until `evaluated` is `retry_at`, and for a time since the last one.
+  /// Recalibrations in turn that were rejected, or did not pass their probation. Each doubles the pairs and the time
+  /// until calibd tries again by itself: pairs until `evaluated` is `retry_at`, time since `recalibrated`.
   int refusals = 0;
   std::uint64_t retry_at = 0;
   std::optional<WallTime> recalibrated;
@@ -79,8 +80,13 @@ struct PairState {
     reason = std::move(claim.reason);
   }
 
-  /// The extrinsic in force, as its record has it.
-  RigidTransform T_camera_lidar = RigidTransform::Identity();
+  void put_in_force(const CalibrationRecord& record) {
+    T_camera_lidar = record.T_camera_lidar;
+    T_camera_lidar_before = record.T_camera_lidar_before;
+  }
+
+  /// The extrinsic in force and the one that it replaced, as its record has them.
+  RigidTransform T_camera_lidar = RigidTransform::Identity(), T_camera_lidar_before = RigidTransform::Identity();
   PairRun run;
 };
 

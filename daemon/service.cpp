@@ -52,6 +52,7 @@ Result<void> Service::restore(const PairConfig& config) {
   Pair& pair = *owned;
   auto restored = pair.pipeline.restore(ledger_.state(config.name), config.T_camera_lidar, now(pair));
   if (!restored) return propagate(restored);
+  if (const auto& entry = restored->set_aside) surroundings_.log(entry->priority, entry->message_id, entry->text);
   const bool is_new = restored->decision.record.has_value();
   pair.state = std::move(restored->state);
   const bool committed = commit(pair, restored->decision);
@@ -93,7 +94,7 @@ bool Service::commit(Pair& pair, PairDecision& decision) {
   decision.alert = std::move(written->alert);
   pair.state = std::move(*decision.state);
   // As its record has it, to the last bit.
-  pair.state.T_camera_lidar = ledger_.history(name).in_force()->T_camera_lidar;
+  pair.state.put_in_force(*ledger_.history(name).in_force());
   return true;
 }
 
@@ -133,7 +134,7 @@ void Service::conclude(std::size_t index, Measurement measurement) {
   const bool due = decision.recalibration_due;
   apply(pair, std::move(decision));
   if (!due || pair.store_failure) return;
-  [[maybe_unused]] const auto answer = recalibrate(index, {.asked_by = "calibd"});
+  [[maybe_unused]] const auto answer = recalibrate(index, "calibd", /*dry_run=*/false);
 }
 
 void Service::conclude(std::size_t index, const Skip& skip) {
@@ -141,10 +142,14 @@ void Service::conclude(std::size_t index, const Skip& skip) {
   apply(pair, pair.pipeline.decide(pair.state, skip, now(pair)));
 }
 
-Result<Answer> Service::recalibrate(std::size_t index, Recalibrate request) {
+Result<Answer> Service::recalibrate(std::size_t index, std::string asked_by, bool dry_run) {
   Pair& pair = *pairs_[index];
-  request.keep_going = [this] { return keep_going(); };
-  return apply_request(pair, pair.pipeline.decide(pair.state, request, now(pair)));
+  Recalibrate request{.asked_by = std::move(asked_by),
+                      .dry_run = dry_run,
+                      .found = pair.pipeline.search(pair.state, [this] { return keep_going(); })};
+  auto answer = apply_request(pair, pair.pipeline.decide(pair.state, request, now(pair)));
+  pair.state.run.last_window.reset();  // a recalibration is no part of a cycle
+  return answer;
 }
 
 Result<Answer> Service::accept(std::size_t index, std::string asked_by) {
@@ -229,12 +234,12 @@ void Service::ask(PendingRequest request) {
   const bool only_shows =
       std::holds_alternative<StatusRequest>(request.request) || std::holds_alternative<RecordsRequest>(request.request);
   if (only_shows) return request.reply(answer(request));
-  const std::lock_guard lock(mutex_);
+  std::unique_lock lock(mutex_);
   if (requests_.size() >= most_requests)
     std::erase_if(requests_, [](const PendingRequest& waiting) { return waiting.client_gone->load(); });
   if (requests_.size() >= most_requests) {
-    request.reply(Error{ErrorCode::failed, "too many requests wait; ask later"});
-    return;
+    lock.unlock();
+    return request.reply(Error{ErrorCode::failed, "too many requests wait; ask later"});
   }
   requests_.push_back(std::move(request));
   wake_.notify_all();
@@ -267,14 +272,16 @@ ControlReply Service::answer(const RecordsRequest& request, const Peer&) {
 ControlReply Service::answer(const DiagnosisRequest& request, const Peer&) try {
   if (request.pair)
     if (const auto pair = find(*request.pair); !pair) return pair.error();
-  return diagnose_pairs(request.pair);
+  DiagnosisReport report = diagnose_pairs(request.pair);
+  if (stopping()) return Error{ErrorCode::failed, "calibd ends"};  // in the middle of it
+  return report;
 } catch (const std::exception& exception) {
   return Error{ErrorCode::failed, exception.what()};
 }
 
 ControlReply Service::answer(const RecalibrationRequest& request, const Peer& peer) {
   return change(request.pair, peer, [&](std::size_t pair, std::string asked_by) {
-    return recalibrate(pair, {.asked_by = std::move(asked_by), .dry_run = request.dry_run});
+    return recalibrate(pair, std::move(asked_by), request.dry_run);
   });
 }
 

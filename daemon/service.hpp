@@ -24,6 +24,7 @@ namespace calib {
 /// What a service lives in; a test gives it a clock, a journal and depth of its own.
 struct Surroundings {
   Clock clock = system_clock;
+  /// May be called from any thread.
   std::function<void(int priority, std::string_view message_id, std::string_view text)> log = journal;
   /// In the place of the depth that the configuration asks for.
   DepthSource::Make make_depth{};
@@ -40,8 +41,8 @@ struct PendingRequest {
 
 /// Samples each pair, has the pipeline measure and decide, and makes what it decides happen, in one order: the ledger's
 /// transaction, then the bus and the journal, then the reply. What was decided counts only once the transaction has
-/// committed. One thread runs it and owns everything of the estimator; another shows its last status, by its own clock:
-/// when the first one hangs, what is shown grows stale by itself.
+/// committed. One thread runs it and owns pairs, ledger and depth sources; another shows its last status, by its own
+/// clock: when the first one hangs, what is shown grows stale by itself.
 class Service {
  public:
   /// Restores each pair from the ledger. Writes an `initial` record for each whose configured extrinsic is new.
@@ -59,10 +60,10 @@ class Service {
 
   /// One window of sampling, and what is decided from it.
   void sample(std::size_t pair);
-  /// A window's end without the window.
+  /// Decides as at the end of a window.
   void conclude(std::size_t pair, Measurement measurement);
   void conclude(std::size_t pair, const Skip& skip);
-  [[nodiscard]] Result<Answer> recalibrate(std::size_t pair, Recalibrate request);
+  [[nodiscard]] Result<Answer> recalibrate(std::size_t pair, std::string asked_by, bool dry_run);
   [[nodiscard]] Result<Answer> accept(std::size_t pair, std::string asked_by);
   /// Back to the extrinsic of record `to`; of the one before the present one when there is none.
   [[nodiscard]] Result<Answer> roll_back(std::size_t pair, std::optional<std::uint64_t> to, std::string asked_by);
@@ -93,7 +94,7 @@ class Service {
     std::unique_ptr<DepthSource> depth;
     PairState state = {};
     std::optional<Error> store_failure = {};        // of the last transaction
-    std::optional<std::string> depth_failure = {};  // that the journal has
+    std::optional<std::string> depth_failure = {};  // that was logged last
     /// Time since boot at which the last sample of each topic arrived.
     std::optional<std::chrono::nanoseconds> image = {}, right_image = {}, depth_image = {}, cloud = {}, motion = {};
     std::optional<std::chrono::nanoseconds> time_difference = {};

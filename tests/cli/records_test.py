@@ -107,7 +107,7 @@ def test_a_baseline_is_shown_verified_and_without_a_change(bare, bin_dir, schema
                   "X               : slope 0.00500, sigma 0.02000, per cm; sensitivity 0.01000, sigma 0.00100"):
         assert words in shown.out, shown.out
     assert "Change" not in shown.out
-    assert "front  baseline, asked by calibd: what is normal was learned" in bare("history").out
+    assert "front  baseline, asked by calibd: the baseline was learned" in bare("history").out
     record = json.loads(bare("show", "--json", "--export", tmp_path / "out").out)
     schema("record", record)
     del record["baseline"]

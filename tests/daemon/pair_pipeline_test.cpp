@@ -55,20 +55,14 @@ std::string code(const Result<T>& result) {
   return result ? "" : word(result.error().code);
 }
 
-/// Whether enough pairs are at hand for a recalibration; decides nothing.
-bool can_recalibrate(test::PairLoop& loop) {
-  return code(loop.decide(Recalibrate{.asked_by = "test", .dry_run = true, .keep_going = [] { return false; }})) !=
-         "not_ready";
-}
-
 }  // namespace
 
 TEST_CASE("a displacement is found and recalibrated from pairs taken since, and the new extrinsic starts anew") {
   const Drive drive(71);
   test::PairLoop loop = drive.loop();
-  CHECK(loop.decide(Recalibrate{.asked_by = "test"}).error().code == "not_ready");
+  CHECK(loop.recalibrate().error().code == "not_ready");
   for (int i = 0; i < 14; ++i) {
-    CHECK(can_recalibrate(loop) == (i >= 10));
+    CHECK(loop.can_recalibrate() == (i >= 10));
     auto measurement = test::require_ok(loop.measure(drive.pair(i), *drive.depth));
     CHECK(measurement.stencil.current > 1);
     CHECK(measurement.sensitivity.has_value());
@@ -83,12 +77,12 @@ TEST_CASE("a displacement is found and recalibrated from pairs taken since, and 
   REQUIRE(loop.state().verdict == Verdict::calibrated);
 
   int last = 14;
-  for (; last < 50 && !(loop.state().verdict == Verdict::drifted && can_recalibrate(loop)); ++last)
+  for (; last < 50 && !(loop.state().verdict == Verdict::drifted && loop.can_recalibrate()); ++last)
     REQUIRE(drive.evaluate(loop, drive.pair(last, yaw(-1))));
   REQUIRE(loop.state().verdict == Verdict::drifted);
   CHECK(last <= 26);
   const Timestamp onset = *loop.monitor().onset();
-  const auto answer = test::require_ok(loop.decide(Recalibrate{.asked_by = "test"}));
+  const auto answer = test::require_ok(loop.recalibrate());
   INFO(answer.reason);
   CHECK(answer.decision == Decision::accepted);
   CHECK(answer.result->delta[2] == Approx(-radians_per_degree).margin(0.35 * radians_per_degree));
@@ -139,10 +133,10 @@ TEST_CASE("after a rejected recalibration the next one waits for new pairs, and 
   const Drive drive(73);
   test::PairLoop loop = drive.loop();
   for (int i = 0; i < 12; ++i) REQUIRE(drive.evaluate(loop, drive.pair(i)));
-  REQUIRE(can_recalibrate(loop));
+  REQUIRE(loop.can_recalibrate());
   const PairState before = loop.state();
-  CHECK(test::require_ok(loop.decide(Recalibrate{.asked_by = "test"})).decision == Decision::rejected);
-  CHECK_FALSE(can_recalibrate(loop));
+  CHECK(test::require_ok(loop.recalibrate()).decision == Decision::rejected);
+  CHECK_FALSE(loop.can_recalibrate());
   CHECK(loop.state().run.frames.empty());
   CHECK(loop.state().verdict == before.verdict);
   CHECK(loop.state().refusals == 1);
@@ -154,7 +148,7 @@ TEST_CASE("a dry run decides and changes nothing") {
   test::PairLoop loop = drive.loop();
   for (int i = 0; i < 12; ++i) REQUIRE(drive.evaluate(loop, drive.pair(i)));
   const std::string before = to_text(loop.state());
-  const auto answer = test::require_ok(loop.decide(Recalibrate{.asked_by = "test", .dry_run = true}));
+  const auto answer = test::require_ok(loop.recalibrate(/*dry_run=*/true));
   CHECK(answer.dry_run);
   CHECK(answer.decision == Decision::rejected);  // without a sign of drift
   CHECK_FALSE(answer.record);

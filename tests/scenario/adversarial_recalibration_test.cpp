@@ -57,7 +57,7 @@ class Watched {
   }
   [[nodiscard]] const DriftState& drift() const { return loop_.state().drift; }
   /// Fails with `not_ready` until there are pairs enough of after it happened.
-  Result<Answer> recalibrate() { return loop_.decide(Recalibrate{.asked_by = "test", .dry_run = true}); }
+  Result<Answer> recalibrate() { return loop_.recalibrate(/*dry_run=*/true); }
 
  private:
   static PairSettings settings(const Camera& camera, bool monocular_depth) {

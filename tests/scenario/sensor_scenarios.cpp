@@ -118,3 +118,21 @@ TEST_CASE("a lorry that hides half of the view for a while is no drift") {
   CHECK(scenario.records(Decision::accepted) + scenario.records(Decision::rejected) == 0);
   CHECK(scenario.verdict() == Verdict::calibrated);
 }
+
+TEST_CASE("an image that comes again is not evidence twice, however its scan is stamped, and over a restart") {
+  PairScenario scenario;
+  const World late{.lidar_clock = 20ms};
+  World again = late;
+  again.repeating = true;
+  scenario.drive(3, late);
+  const std::uint64_t evaluated = scenario.state().evaluated;
+  scenario.drive(1, again);
+  CHECK(scenario.skipped("duplicate_frame") == 1);
+  scenario.restart();  // what the last scene looked like is forgotten, its stamp is not
+  scenario.drive(2, again);
+  CHECK(scenario.skipped("duplicate_frame") == 3);
+  CHECK(scenario.state().evaluated == evaluated);
+  CHECK(scenario.status().verdict == Verdict::not_evaluated);
+  scenario.drive(3, late);
+  CHECK(scenario.state().evaluated == evaluated + 3);
+}

@@ -13,8 +13,8 @@ class PairLoop {
     record.decision = Decision::initial;
     record.sequence = 1;
     record.T_camera_lidar = record.T_camera_lidar_before = T_camera_lidar;
+    state_.put_in_force(record);
     history_.add(std::move(record));
-    state_.T_camera_lidar = T_camera_lidar;
     state_.drift = std::move(drift);
   }
 
@@ -35,6 +35,15 @@ class PairLoop {
     return {};
   }
 
+  Result<Answer> recalibrate(bool dry_run = false) {
+    return decide(Recalibrate{.asked_by = "test", .dry_run = dry_run, .found = pipeline_.search(state_, {})});
+  }
+  /// Whether enough pairs are at hand.
+  [[nodiscard]] bool can_recalibrate() const {
+    const auto found = pipeline_.search(state_, [] { return false; });
+    return found || found.error().code != ErrorCode::not_ready;
+  }
+
   [[nodiscard]] const PairState& state() const { return state_; }
   [[nodiscard]] const PairHistory& history() const { return history_; }
   [[nodiscard]] DriftMonitor monitor() const { return DriftMonitor(pipeline_.settings().drift, state_.drift); }
@@ -52,7 +61,7 @@ class PairLoop {
     if (decision.record) {
       decision.record->sequence = now().next_sequence;
       history_.add(std::move(*decision.record));
-      state_.T_camera_lidar = history_.in_force()->T_camera_lidar;
+      state_.put_in_force(*history_.in_force());
     }
     return std::move(decision.answer);
   }

@@ -107,7 +107,8 @@ class PairScenario::Window final : public SampleSource {
   Result<std::vector<Sample>> wait(std::chrono::nanoseconds timeout) override {
     std::vector<Sample> sent;
     if (!std::exchange(sent_, true)) {
-      FramePair pair = samples(scenario_.windows_ * period, scenario_.world_);
+      if (!scenario_.world_.repeating) scenario_.stamp_ = scenario_.windows_ * period;
+      FramePair pair = samples(scenario_.stamp_, scenario_.world_);
       if (scenario_.world_.camera) {
         sent.emplace_back(RightImage{std::move(*pair.right_image)});
         sent.emplace_back(LeftImage{std::move(pair.image)});

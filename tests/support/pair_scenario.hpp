@@ -36,6 +36,7 @@ struct World {
   Vector6 motion = Vector6::Zero();        // how far the LiDAR has moved, in its own frame
   bool camera = true, lidar = true;        // whether they send
   bool frozen = false;                     // the camera sends the same image again and again, with new stamps
+  bool repeating = false;                  // all sensors send their last samples again, with the same stamps
   std::chrono::nanoseconds lidar_clock{};  // is ahead
   std::function<void(FramePair&)> samples = nullptr;  // changes what the sensors send
   std::function<void(DepthMap&)> depth = nullptr;     // changes what the stereo camera makes of it
@@ -120,7 +121,8 @@ class PairScenario {
   std::unique_ptr<Service> service_;
   std::unique_ptr<sqlite3, int (*)(sqlite3*)> other_program_;
   Moment start_{std::chrono::seconds(1'800'000'000), std::chrono::seconds(100)}, now_ = start_;
-  int windows_ = 0;  // so far
+  Timestamp stamp_{};  // of the image that was sent last
+  int windows_ = 0;    // so far
   std::uint64_t first_record_ = 1;
   std::vector<Verdict> alerts_;
   std::vector<std::string> journal_;

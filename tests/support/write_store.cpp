@@ -69,7 +69,7 @@ std::vector<CalibrationRecord> three_records() {
 CalibrationRecord baseline_record(const CalibrationRecord& in_force) {
   CalibrationRecord record = next_record(in_force, Decision::baseline, Vector6::Zero());
   record.T_camera_lidar = record.T_camera_lidar_before = in_force.T_camera_lidar;
-  record.reason = "what is normal was learned from 20 pairs";
+  record.reason = "the baseline was learned from 20 pairs";
   record.sigma.reset();
   record.score.reset();
   record.frame_stamps_ns.clear();
