@@ -121,3 +121,9 @@ def test_a_cyclone_dds_with_type_discovery_is_refused(source_dir, tmp_path, prop
     assert configured.returncode != 0
     said = " ".join(configured.stderr.split())
     assert "/nowhere/libddsc.so is built with type discovery" in said and "Run tools/setup" in said, configured.stderr
+
+
+def test_the_project_configures_without_its_tests_and_without_onnx_runtime(source_dir, tmp_path):
+    configured = subprocess.run(["cmake", "-S", source_dir, "-B", tmp_path, "-G", "Ninja", "-DBUILD_TESTING=OFF",
+                                 "-DCALIB_WITH_ONNX=OFF"], capture_output=True, text=True, check=False)
+    assert configured.returncode == 0, configured.stderr
