@@ -110,7 +110,7 @@ Status snapshot(const CalibrationRecord& in_force, const PublicKey& key, Verdict
   pair.evaluated = 42;
   pair.skipped = {{"low_overlap", 3}, {"dark", 1}};
   pair.score = {0.5, 0.25, 0.5};
-  pair.misalignment.emplace();
+  pair.misalignment = PairStatus::Misalignment{};
   pair.misalignment->delta << 0.1 * radians_per_degree, -0.2 * radians_per_degree, 0.6 * radians_per_degree, -0.01,
       0.02, 0;
   pair.misalignment->sigma.setConstant(0.001);
