@@ -19,6 +19,33 @@ using Ints = hn::RebindToSigned<Floats>;
 using Doubles = hn::CappedTag<double, 8>;  // no longer than a table's rows
 using Counts = hn::CappedTag<std::uint32_t, 16>;
 
+/// Moves those lanes to the front that are in a set.
+class LanesInFront {
+ public:
+#if HWY_HAVE_SCALABLE || HWY_TARGET <= HWY_AVX3
+  explicit HWY_INLINE LanesInFront(hn::Mask<Ints> set) : set_(set) {}
+  // Not CompressStore: some processors are very slow at it.
+  HWY_INLINE hn::Vec<Ints> operator()(hn::Vec<Ints> values) const { return hn::Compress(values, set_); }
+
+ private:
+  hn::Mask<Ints> set_;
+#else
+  // Without an instruction for it, Compress of Highway 1.0 copies a table to the stack at each call.
+  explicit HWY_INLINE LanesInFront(hn::Mask<Ints> set) : order_(order_of(set)) {}
+  HWY_INLINE hn::Vec<Ints> operator()(hn::Vec<Ints> values) const { return hn::TableLookupLanes(values, order_); }
+
+ private:
+  using Order = decltype(hn::IndicesFromVec(Ints(), hn::Zero(Ints())));
+  static HWY_INLINE Order order_of(hn::Mask<Ints> set) {
+    std::uint8_t bits[8] = {};
+    hn::StoreMaskBits(Ints(), set, bits);
+    const hn::Rebind<std::uint8_t, Ints> bytes;
+    return hn::IndicesFromVec(Ints(), hn::PromoteTo(Ints(), hn::LoadU(bytes, lanes_of_set[bits[0]].data())));
+  }
+  Order order_;
+#endif
+};
+
 /// Appends those of a vector of points that are in view, of which `known` are points at all.
 HWY_INLINE void project_vector(const float* x_m, const float* y_m, const float* z_m, std::size_t first,
                                std::size_t known, const Projection& projection, bool with_tiles,
@@ -54,8 +81,8 @@ HWY_INLINE void project_vector(const float* x_m, const float* y_m, const float* 
   const auto place = hn::Add(hn::Mul(line, hn::Set(ints, grid.width)), column);
   const std::size_t end = projected.count;
   projected.count += hn::CountTrue(ints, seen);
-  // Not CompressStore: some processors are very slow at it.
-  const auto append = [&](auto values, auto& to) HWY_ATTR { hn::StoreU(hn::Compress(values, seen), ints, &to[end]); };
+  const LanesInFront seen_first(seen);
+  const auto append = [&](auto values, auto& to) HWY_ATTR { hn::StoreU(seen_first(values), ints, &to[end]); };
   append(place, projected.pixel);
   append(hn::Iota(ints, static_cast<std::int32_t>(first)), projected.point);
   if (!with_tiles) return;

@@ -39,6 +39,15 @@ struct Projection {
 
 namespace simd {
 
+/// For each set of up to eight lanes, which of them it has, in order; then any.
+inline constexpr auto lanes_of_set = [] {
+  std::array<std::array<std::uint8_t, 8>, 256> lanes{};
+  for (unsigned set = 0; set < lanes.size(); ++set)
+    for (std::uint8_t lane = 0, found = 0; lane < 8; ++lane)
+      if ((set >> lane & 1) != 0) lanes[set][found++] = lane;
+  return lanes;
+}();
+
 /// Sums of x log x over a table's counts, over the sums of its rows and over those of its columns; and all its counts.
 struct TableSums {
   static constexpr std::size_t longest_row = 256;
