@@ -1,6 +1,7 @@
 #include "joint_histogram.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "joint_histogram.cpp"
@@ -46,78 +47,132 @@ class LanesInFront {
 #endif
 };
 
-/// Appends those of a vector of points that are in view, of which `known` are points at all.
-HWY_INLINE void project_vector(const float* x_m, const float* y_m, const float* z_m, std::size_t first,
-                               std::size_t known, const Projection& projection, bool with_tiles,
-                               ProjectedPoints& projected) {
-  const Floats f;
-  const Ints ints;
-  const auto& T = projection.T_camera_lidar;
-  const BearingGrid& grid = projection.grid;
-  const auto x = hn::LoadU(f, x_m), y = hn::LoadU(f, y_m), z = hn::LoadU(f, z_m);
-  const auto row = [&](int i) HWY_ATTR {
-    return hn::MulAdd(hn::Set(f, T[i]), x,
-                      hn::MulAdd(hn::Set(f, T[i + 1]), y, hn::MulAdd(hn::Set(f, T[i + 2]), z, hn::Set(f, T[i + 3]))));
-  };
-  const auto x_camera = row(0), y_camera = row(4), z_camera = row(8);
-  auto denominator = z_camera;
-  if (grid.xi != 0) {
-    const auto squared = hn::MulAdd(x_camera, x_camera, hn::MulAdd(y_camera, y_camera, hn::Mul(z_camera, z_camera)));
-    denominator = hn::MulAdd(hn::Set(f, grid.xi), hn::Sqrt(squared), z_camera);
-  }
-  const auto inverse = hn::Div(hn::Set(f, 1), denominator);
-  // Half a pixel more, so that truncation rounds to the nearest.
-  const auto u = hn::MulAdd(hn::Mul(hn::Set(f, grid.fx), x_camera), inverse, hn::Set(f, grid.cx + 0.5F));
-  const auto v = hn::MulAdd(hn::Mul(hn::Set(f, grid.fy), y_camera), inverse, hn::Set(f, grid.cy + 0.5F));
-  const auto width = hn::Set(f, static_cast<float>(grid.width)), height = hn::Set(f, static_cast<float>(grid.height));
-  const auto zero = hn::Zero(f);
-  // Comparisons with NaN are false, so that what is not a number is not in view.
-  const auto in_front = hn::Gt(denominator, hn::Set(f, 1e-6F));
-  const auto in_view = hn::And(hn::And(in_front, hn::And(hn::Ge(u, zero), hn::Lt(u, width))),
-                               hn::And(hn::Ge(v, zero), hn::Lt(v, height)));
-  const auto seen = hn::And(hn::RebindMask(ints, in_view), hn::FirstN(ints, known));
-  const auto u_seen = hn::IfThenElseZero(in_view, u), v_seen = hn::IfThenElseZero(in_view, v);
-  const auto column = hn::ConvertTo(ints, u_seen), line = hn::ConvertTo(ints, v_seen);
-  const auto place = hn::Add(hn::Mul(line, hn::Set(ints, grid.width)), column);
-  const std::size_t end = projected.count;
-  projected.count += hn::CountTrue(ints, seen);
-  const LanesInFront seen_first(seen);
-  const auto append = [&](auto values, auto& to) HWY_ATTR { hn::StoreU(seen_first(values), ints, &to[end]); };
-  append(place, projected.pixel);
-  append(hn::Iota(ints, static_cast<std::int32_t>(first)), projected.point);
-  if (!with_tiles) return;
-  const auto tile_of = [&](auto pixel, int tiles, int extent) HWY_ATTR {
-    const auto scale = hn::Set(f, static_cast<float>(tiles) / static_cast<float>(extent));
-    const auto middle = hn::Add(hn::ConvertTo(f, pixel), hn::Set(f, 0.5F));
-    return hn::Min(hn::ConvertTo(ints, hn::Mul(middle, scale)), hn::Set(ints, tiles - 1));
-  };
-  const auto across = tile_of(column, FeatureSet::tile_columns, grid.width);
-  const auto down = tile_of(line, FeatureSet::tile_rows, grid.height);
-  append(hn::Add(hn::Mul(down, hn::Set(ints, FeatureSet::tile_columns)), across), projected.tile);
-}
+/// Adding it leaves the nearest integer of a float of at most 2^22 in the lowest bits, less its own.
+constexpr float rounding = 12582912.F;
 
-void Project(const FeatureSet& features, std::size_t first, std::size_t count, const Projection& projection,
-             bool with_tiles, ProjectedPoints& projected) {
+template <bool wide, bool tiled>
+HWY_INLINE void project_block(const PointBlock& block, const Projection& projection, ProjectedPoints& projected) {
   constexpr std::size_t most_lanes = HWY_MAX_BYTES / sizeof(float);
   static_assert(most_lanes <= ProjectedPoints::slack);
-  const std::size_t lanes = hn::Lanes(Floats());
-  const float *x = &features.x_m[first], *y = &features.y_m[first], *z = &features.z_m[first];
-  projected.count = 0;
+  const Floats f;
+  const Ints ints;
+  const hn::RebindToUnsigned<Ints> bits;
+  const hn::Rebind<std::uint8_t, Ints> bytes;
+  // Copies: else they were read again for each vector, because what is stored could have changed them.
+  const auto& T = projection.T_camera_lidar;
+  const BearingGrid& grid = projection.grid;
+  // A pinhole's focal lengths go into the rows of the transform.
+  const float x_unit = wide ? 1 : grid.fx, y_unit = wide ? 1 : grid.fy;
+  const auto t0 = hn::Set(f, x_unit * T[0]), t1 = hn::Set(f, x_unit * T[1]), t2 = hn::Set(f, x_unit * T[2]);
+  const auto t3 = hn::Set(f, x_unit * T[3]), t4 = hn::Set(f, y_unit * T[4]), t5 = hn::Set(f, y_unit * T[5]);
+  const auto t6 = hn::Set(f, y_unit * T[6]), t7 = hn::Set(f, y_unit * T[7]);
+  const auto t8 = hn::Set(f, T[8]), t9 = hn::Set(f, T[9]), t10 = hn::Set(f, T[10]), t11 = hn::Set(f, T[11]);
+  const auto fx = hn::Set(f, grid.fx), fy = hn::Set(f, grid.fy), cx = hn::Set(f, grid.cx), cy = hn::Set(f, grid.cy);
+  const auto right = hn::Set(f, static_cast<float>(grid.width) - 0.5F);
+  const auto bottom = hn::Set(f, static_cast<float>(grid.height) - 0.5F), least = hn::Set(f, -0.5F);
+  const auto one = hn::Set(f, 1), xi = hn::Set(f, grid.xi), nearest = hn::Set(f, 1e-6F);
+  const auto round = hn::Set(f, rounding);
+  const auto row_length = hn::Set(bits, static_cast<std::uint32_t>(grid.width));
+  const auto bits_of_rounding = hn::BitCast(bits, round);
+  const auto first_pixel = hn::Add(hn::Mul(bits_of_rounding, row_length), bits_of_rounding);
+  // A pixel's tile is that of its middle. A middle on the line between two tiles is in the further one, and a 64th of a
+  // pixel keeps it there.
+  const float across = static_cast<float>(FeatureSet::tile_columns) / static_cast<float>(grid.width);
+  const float down = static_cast<float>(FeatureSet::tile_rows) / static_cast<float>(grid.height);
+  const auto tiles_across = hn::Set(f, across), tiles_down = hn::Set(f, down);
+  const auto first_across = hn::Set(f, across * (0.5F + 1.F / 64) - 0.5F);
+  const auto first_down = hn::Set(f, down * (0.5F + 1.F / 64) - 0.5F);
+  const auto tile_columns = hn::Set(f, static_cast<float>(FeatureSet::tile_columns));
+  std::int32_t *const pixels = projected.pixel.data(), *const ranks = projected.ranks.data();
+  std::size_t seen_before = 0;
+
+  const auto project_vector = [&](const PointBlock& from, std::size_t i, auto known) HWY_ATTR {
+    const auto x = hn::LoadU(f, from.x_m + i), y = hn::LoadU(f, from.y_m + i), z = hn::LoadU(f, from.z_m + i);
+    const auto x_camera = hn::MulAdd(t0, x, hn::MulAdd(t1, y, hn::MulAdd(t2, z, t3)));
+    const auto y_camera = hn::MulAdd(t4, x, hn::MulAdd(t5, y, hn::MulAdd(t6, z, t7)));
+    const auto z_camera = hn::MulAdd(t8, x, hn::MulAdd(t9, y, hn::MulAdd(t10, z, t11)));
+    auto u = x_camera, v = y_camera, denominator = z_camera;
+    if constexpr (wide) {
+      const auto squared = hn::MulAdd(x_camera, x_camera, hn::MulAdd(y_camera, y_camera, hn::Mul(z_camera, z_camera)));
+      denominator = hn::MulAdd(xi, hn::Sqrt(squared), z_camera);
+      u = hn::Mul(fx, x_camera);
+      v = hn::Mul(fy, y_camera);
+    }
+    const auto inverse = hn::Div(one, denominator);
+    u = hn::MulAdd(u, inverse, cx);
+    v = hn::MulAdd(v, inverse, cy);
+    // Comparisons with NaN are false, so that what is not a number is not in view.
+    const auto in_view = hn::And(hn::And(hn::Gt(denominator, nearest), hn::And(hn::Ge(u, least), hn::Lt(u, right))),
+                                 hn::And(hn::Ge(v, least), hn::Lt(v, bottom)));
+    const auto seen = known(hn::RebindMask(ints, in_view));
+    const LanesInFront seen_first(seen);
+    const auto column = hn::Add(u, round), line = hn::Add(v, round);
+    const auto pixel = hn::Add(hn::Mul(hn::BitCast(bits, line), row_length), hn::BitCast(bits, column));
+    hn::StoreU(seen_first(hn::BitCast(ints, hn::Sub(pixel, first_pixel))), ints, pixels + seen_before);
+    auto packed = hn::PromoteTo(ints, hn::LoadU(bytes, from.ranks[0] + i));
+    if (from.ranks[1] != nullptr)
+      packed = hn::Or(packed, hn::ShiftLeft<8>(hn::PromoteTo(ints, hn::LoadU(bytes, from.ranks[1] + i))));
+    if (from.ranks[2] != nullptr)
+      packed = hn::Or(packed, hn::ShiftLeft<16>(hn::PromoteTo(ints, hn::LoadU(bytes, from.ranks[2] + i))));
+    if constexpr (tiled) {
+      const auto tile_across = hn::Add(hn::MulAdd(hn::Sub(column, round), tiles_across, first_across), round);
+      const auto tile_down = hn::Add(hn::MulAdd(hn::Sub(line, round), tiles_down, first_down), round);
+      const auto tile = hn::MulAdd(hn::Sub(tile_down, round), tile_columns, tile_across);
+      packed = hn::Or(packed, hn::ShiftLeft<ProjectedPoints::tile_shift>(hn::BitCast(ints, tile)));
+    }
+    hn::StoreU(seen_first(packed), ints, ranks + seen_before);
+    seen_before += hn::CountTrue(ints, seen);
+  };
+
+  const std::size_t lanes = hn::Lanes(f);
   std::size_t i = 0;
-  for (; i + lanes <= count; i += lanes)
-    project_vector(x + i, y + i, z + i, i, lanes, projection, with_tiles, projected);
-  if (i == count) return;
-  float rest[3][most_lanes] = {};
-  for (std::size_t k = i; k < count; ++k) {
-    rest[0][k - i] = x[k];
-    rest[1][k - i] = y[k];
-    rest[2][k - i] = z[k];
+  for (; i + lanes <= block.count; i += lanes) project_vector(block, i, [](auto mask) HWY_ATTR { return mask; });
+  if (const std::size_t left = block.count - i; left > 0) {
+    float coordinates[3][most_lanes] = {};
+    std::uint8_t rest_ranks[PointBlock::most_features][most_lanes] = {};
+    PointBlock rest{coordinates[0], coordinates[1], coordinates[2], {}, left};
+    std::copy_n(block.x_m + i, left, coordinates[0]);
+    std::copy_n(block.y_m + i, left, coordinates[1]);
+    std::copy_n(block.z_m + i, left, coordinates[2]);
+    for (std::size_t k = 0; k < rest.ranks.size(); ++k)
+      if (block.ranks[k] != nullptr) {
+        std::copy_n(block.ranks[k] + i, left, rest_ranks[k]);
+        rest.ranks[k] = rest_ranks[k];
+      }
+    project_vector(rest, 0, [&](auto mask) HWY_ATTR { return hn::And(mask, hn::FirstN(ints, left)); });
   }
-  project_vector(rest[0], rest[1], rest[2], i, count - i, projection, with_tiles, projected);
+  projected.count = seen_before;
 }
 
-/// Sum of x log x.
-HWY_INLINE double sum_x_log_x(const std::uint32_t* values, std::size_t count) {
+void Project(const PointBlock& block, const Projection& projection, bool with_tiles, ProjectedPoints& projected) {
+  const bool wide = projection.grid.xi != 0;
+  if (wide && with_tiles) return project_block<true, true>(block, projection, projected);
+  if (wide) return project_block<true, false>(block, projection, projected);
+  if (with_tiles) return project_block<false, true>(block, projection, projected);
+  project_block<false, false>(block, projection, projected);
+}
+
+void Count(const ProjectedPoints& projected, const CountsShape& shape, bool tiled, std::uint32_t* counts) {
+  const Ints ints;
+  const hn::Rebind<std::uint16_t, Ints> values;
+  const std::size_t count = projected.count;
+  const auto row_mask = hn::Set(ints, 255 >> shape.class_shift), value_mask = hn::Set(ints, shape.value_mask);
+  const int rank_shift = shape.rank_shift + shape.class_shift, row_shift = shape.row_shift;
+  const int value_shift = shape.value_shift, table_shift = shape.table_shift;
+  alignas(64) std::int32_t cells[PointBlock::capacity + ProjectedPoints::slack];
+  for (std::size_t i = 0; i < count; i += hn::Lanes(ints)) {
+    const auto ranks = hn::LoadU(ints, projected.ranks.data() + i);
+    const auto value = hn::PromoteTo(ints, hn::LoadU(values, projected.value.data() + i));
+    auto cell = hn::ShiftLeftSame(hn::And(hn::ShiftRightSame(ranks, rank_shift), row_mask), row_shift);
+    cell = hn::Or(cell, hn::And(hn::ShiftRightSame(value, value_shift), value_mask));
+    if (tiled) cell = hn::Or(cell, hn::ShiftLeftSame(hn::ShiftRight<ProjectedPoints::tile_shift>(ranks), table_shift));
+    hn::StoreU(cell, ints, cells + i);
+  }
+  for (std::size_t i = 0; i < count; ++i) ++counts[cells[i]];
+}
+
+/// Sum of x log x, of large counts.
+HWY_INLINE double sum_of_logs(const std::uint32_t* values, std::size_t count) {
   const Doubles d;
   const hn::Rebind<std::uint32_t, Doubles> counts;
   const std::size_t lanes = hn::Lanes(d);
@@ -129,25 +184,36 @@ HWY_INLINE double sum_x_log_x(const std::uint32_t* values, std::size_t count) {
   return hn::GetLane(hn::SumOfLanes(d, sum));
 }
 
-/// Smooths the row with [1 2 1]; beyond the edge is what is at the edge.
+/// Sum of x log x. `count` is a multiple of four.
+HWY_INLINE double sum_x_log_x(const std::uint32_t* values, std::size_t count, std::uint32_t most) {
+  if (most >= x_log_x.size()) return sum_of_logs(values, count);
+  double a = 0, b = 0, c = 0, d = 0;  // four sums, because one would wait for each addition
+  for (std::size_t i = 0; i < count; i += 4) {
+    a += x_log_x[values[i]];
+    b += x_log_x[values[i + 1]];
+    c += x_log_x[values[i + 2]];
+    d += x_log_x[values[i + 3]];
+  }
+  return (a + b) + (c + d);
+}
+
+/// Smooths the row with [1 2 1]; beyond the edge is what is at the edge. Reads up to a vector beyond the row's end.
 HWY_INLINE void smooth_row(const std::uint32_t* row, std::size_t classes, std::size_t length, std::uint32_t* to) {
   const Counts c;
-  std::uint32_t padded[1 + TableSums::longest_row + 16];
-  for (std::size_t j = 0; j < length; j += hn::Lanes(c)) hn::StoreU(hn::LoadU(c, row + j), c, padded + 1 + j);
-  padded[0] = row[0];
-  padded[classes + 1] = row[classes - 1];
   for (std::size_t j = 0; j < length; j += hn::Lanes(c)) {
-    const auto here = hn::LoadU(c, padded + 1 + j);
-    hn::StoreU(hn::Add(hn::Add(hn::LoadU(c, padded + j), hn::LoadU(c, padded + 2 + j)), hn::Add(here, here)), c,
-               to + j);
+    const auto here = hn::LoadU(c, row + j + 1);
+    hn::StoreU(hn::Add(hn::Add(hn::LoadU(c, row + j), hn::LoadU(c, row + j + 2)), hn::Add(here, here)), c, to + j + 1);
   }
+  to[0] = 3 * row[0] + row[1];
+  to[classes - 1] = 3 * row[classes - 1] + row[classes - 2];
 }
 
 TableSums SumsOfTable(const std::uint32_t* counts, std::size_t classes, std::size_t length, bool smoothed) {
   const Counts c;
   const std::size_t lanes = hn::Lanes(c);
-  alignas(64) std::uint32_t joint[TableSums::longest_row],
-      columns[TableSums::longest_row] = {}, rows[TableSums::longest_row] = {}, across[3][TableSums::longest_row];
+  alignas(64) std::uint32_t joint[TableSums::longest_row], columns[TableSums::longest_row] = {},
+                                                           rows[TableSums::longest_row] = {},
+                                                           across[3][TableSums::longest_row + TableSums::slack];
   TableSums sums;
   const auto row = [&](std::size_t i) { return counts + i * length; };
   if (smoothed) {
@@ -161,7 +227,7 @@ TableSums SumsOfTable(const std::uint32_t* counts, std::size_t classes, std::siz
       else
         std::copy_n(across[i % 3], length, across[(i + 1) % 3]);
     }
-    auto total = hn::Zero(c);
+    auto total = hn::Zero(c), most = hn::Zero(c);
     for (std::size_t j = 0; j < length; j += lanes) {
       auto cells = hn::LoadU(c, row(i) + j);
       if (smoothed) {
@@ -173,13 +239,14 @@ TableSums SumsOfTable(const std::uint32_t* counts, std::size_t classes, std::siz
       hn::StoreU(cells, c, joint + j);
       hn::StoreU(hn::Add(hn::LoadU(c, columns + j), cells), c, columns + j);
       total = hn::Add(total, cells);
+      most = hn::Max(most, cells);
     }
     rows[i] = hn::GetLane(hn::SumOfLanes(c, total));
     sums.points += rows[i];
-    sums.joint += sum_x_log_x(joint, length);
+    sums.joint += sum_x_log_x(joint, length, hn::GetLane(hn::MaxOfLanes(c, most)));
   }
-  sums.rows = sum_x_log_x(rows, length);
-  sums.columns = sum_x_log_x(columns, length);
+  sums.rows = sum_of_logs(rows, length);
+  sums.columns = sum_of_logs(columns, length);
   return sums;
 }
 
@@ -192,34 +259,23 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace calib::simd {
 
+const std::array<double, 4096> x_log_x = [] {
+  std::array<double, 4096> values{};
+  for (std::size_t x = 1; x < values.size(); ++x) values[x] = static_cast<double>(x) * std::log(static_cast<double>(x));
+  return values;
+}();
+
 HWY_EXPORT(Project);
+HWY_EXPORT(Count);
 HWY_EXPORT(SumsOfTable);
 HWY_EXPORT(TargetName);
 
-void project(const FeatureSet& features, std::size_t first, std::size_t count, const Projection& projection,
-             bool with_tiles, ProjectedPoints& projected) {
-  HWY_DYNAMIC_DISPATCH(Project)(features, first, count, projection, with_tiles, projected);
+void project(const PointBlock& block, const Projection& projection, bool with_tiles, ProjectedPoints& projected) {
+  HWY_DYNAMIC_DISPATCH(Project)(block, projection, with_tiles, projected);
 }
 
-namespace {
-template <bool tiled>
-void count_all(const ProjectedPoints& projected, const std::uint8_t* row_ranks, const CountsShape shape,
-               std::uint32_t* counts) {
-  for (std::size_t i = 0; i < projected.count; ++i) {
-    int cell = row_ranks[projected.point[i]] >> shape.class_shift << shape.row_shift;
-    cell |= projected.value[i] >> shape.value_shift & shape.value_mask;
-    if constexpr (tiled) cell |= projected.tile[i] << shape.table_shift;
-    ++counts[cell];
-  }
-}
-}  // namespace
-
-void count(const ProjectedPoints& projected, const std::uint8_t* row_ranks, const CountsShape& shape, bool tiled,
-           std::uint32_t* counts) {
-  if (tiled)
-    count_all<true>(projected, row_ranks, shape, counts);
-  else
-    count_all<false>(projected, row_ranks, shape, counts);
+void count(const ProjectedPoints& projected, const CountsShape& shape, bool tiled, std::uint32_t* counts) {
+  HWY_DYNAMIC_DISPATCH(Count)(projected, shape, tiled, counts);
 }
 
 TableSums sums_of_table(const std::uint32_t* counts, std::size_t classes, std::size_t length, bool smoothed) {

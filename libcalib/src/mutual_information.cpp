@@ -72,7 +72,7 @@ struct Counting {
 struct Scratch {
   ProjectedPoints projected;
   std::vector<Counting> countings;
-  std::array<std::vector<std::uint32_t>, 3> counts;
+  std::array<std::vector<std::uint32_t>, PointBlock::most_features> counts;
 };
 
 /// Information of one table of `n` counts; none (1 when normalised, else 0) when all are in one class.
@@ -121,15 +121,31 @@ Score score(const FeatureSet& features, const RigidTransform& T_camera_lidar, co
   for (const Term& term : objective.all()) {
     const Counting& counting = countings.emplace_back(term, features);
     with_tiles |= counting.tiled;
-    const std::size_t size = static_cast<std::size_t>(counting.tables) << counting.shape.table_shift;
+    const std::size_t size =
+        (static_cast<std::size_t>(counting.tables) << counting.shape.table_shift) + simd::TableSums::slack;
     scratch.counts[countings.size() - 1].assign(counting.possible() ? size : 0, 0);
+  }
+
+  // The ranks that the terms need, each once.
+  std::array<const Ranks*, PointBlock::most_features> rows{};
+  for (Counting& counting : countings) {
+    if (!counting.possible()) continue;
+    const auto at = std::ranges::find_if(rows, [&](const Ranks* ranks) { return !ranks || ranks == counting.rows; });
+    *at = counting.rows;
+    counting.shape.rank_shift = 8 * static_cast<int>(at - rows.begin());
   }
 
   const Projection projection = projection_of(features, T_camera_lidar);
   const std::size_t total = (features.points() + objective.stride - 1) / objective.stride;
-  for (std::size_t first = 0; first < total; first += ProjectedPoints::capacity) {
-    const std::size_t count = std::min(ProjectedPoints::capacity, total - first);
-    simd::project(features, first, count, projection, with_tiles, scratch.projected);
+  for (std::size_t first = 0; first < total; first += PointBlock::capacity) {
+    PointBlock block{.x_m = &features.x_m[first],
+                     .y_m = &features.y_m[first],
+                     .z_m = &features.z_m[first],
+                     .ranks = {},
+                     .count = std::min(PointBlock::capacity, total - first)};
+    for (std::size_t k = 0; k < rows.size(); ++k)
+      if (rows[k] != nullptr) block.ranks[k] = rows[k]->data() + first;
+    simd::project(block, projection, with_tiles, scratch.projected);
     const void* looked_up = nullptr;
     for (std::size_t k = 0; k < countings.size(); ++k) {
       const Counting& counting = countings[k];
@@ -141,8 +157,7 @@ Score score(const FeatureSet& features, const RigidTransform& T_camera_lidar, co
         simd::look_up(counting.packed->data(), scratch.projected);
         looked_up = counting.packed;
       }
-      simd::count(scratch.projected, counting.rows->data() + first, counting.shape, counting.tiled,
-                  scratch.counts[k].data());
+      simd::count(scratch.projected, counting.shape, counting.tiled, scratch.counts[k].data());
     }
   }
 
