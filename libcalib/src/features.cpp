@@ -2,82 +2,27 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <limits>
 #include <numbers>
 #include <string>
 
+#include "ranks.hpp"
+
 namespace calib {
 namespace {
 
 constexpr float no_value = std::numeric_limits<float>::quiet_NaN();
-constexpr int ranks = FeatureSet::ranks;
 
 /// A part of a plane: columns [left, right), rows [top, bottom).
 struct Window {
   int left, top, right, bottom;
 };
 
-/// Upper limits of equally populated classes of `values` (which it sorts): class i holds values <= limits[i].
-std::vector<float> equal_population_limits(std::vector<float> values) {
-  std::ranges::sort(values);
-  std::vector<float> limits(ranks - 1);
-  for (std::size_t i = 0; i < limits.size(); ++i) limits[i] = values[(i + 1) * values.size() / ranks];
-  return limits;
-}
-
-/// Upper limits of classes of equal width from the smallest value to one that only a hundredth of them exceed: single
-/// wild values would leave all others in one class.
-std::vector<float> equal_width_limits(std::vector<float> values) {
-  std::ranges::sort(values);
-  const float least = values.front(), most = values[(values.size() - 1) * 99 / 100];
-  std::vector<float> limits(ranks - 1);
-  for (std::size_t i = 0; i < limits.size(); ++i)
-    limits[i] = least + (most - least) * static_cast<float>(i + 1) / static_cast<float>(ranks);
-  return limits;
-}
-
-using Limits = std::vector<float> (*)(std::vector<float>);
-
-/// Finds a value's class: that of the first limit which is not below it. A table over the bits of floats, which grow
-/// with the number, says where to begin to look.
-class Classifier {
- public:
-  explicit Classifier(std::vector<float> limits) : limits_(std::move(limits)), first_(ordered(limits_.front())) {
-    const std::uint32_t span = ordered(limits_.back()) - first_;
-    while (span >> shift_ >= table_size) ++shift_;
-    std::uint8_t at = 0;
-    for (std::size_t entry = 0; entry < table_size; ++entry) {
-      while (at < limits_.size() && (ordered(limits_[at]) - first_) >> shift_ < entry) ++at;
-      begin_[entry] = at;
-    }
-  }
-
-  [[nodiscard]] std::uint8_t operator()(float value) const {
-    if (value <= limits_.front()) return 0;
-    const std::uint32_t entry = (ordered(value) - first_) >> shift_;
-    std::uint8_t at = begin_[std::min<std::uint32_t>(entry, table_size - 1)];
-    while (at < limits_.size() && limits_[at] < value) ++at;
-    return at;
-  }
-
- private:
-  static constexpr std::uint32_t table_size = 2048;
-  static std::uint32_t ordered(float value) {
-    const auto bits = std::bit_cast<std::uint32_t>(value + 0.F);  // -0 is 0
-    return bits >> 31 != 0 ? ~bits : bits | 0x80000000U;
-  }
-
-  std::vector<float> limits_;
-  std::uint32_t first_;
-  int shift_ = 0;
-  std::array<std::uint8_t, table_size> begin_{};
-};
-
-/// Classes of the values (NaN: none) of a window, which is ranked by itself.
-void classify(const std::vector<float>& values, int width, const Window& window, Limits limits_of,
-              std::vector<std::uint8_t>& plane) {
+/// Calls `take` with the index and class of each value of a window (NaN: none), which is ranked by itself.
+template <typename Take>
+void classify(const std::vector<float>& values, int width, const Window& window, RankLimits limits_of,
+              const Take& take) {
   // Sorting a sample is enough for 240 classes, and much quicker.
   const std::size_t area = static_cast<std::size_t>(window.right - window.left) * (window.bottom - window.top);
   const std::size_t stride = area / 16384 + 1;
@@ -96,13 +41,22 @@ void classify(const std::vector<float>& values, int width, const Window& window,
     next += stride;
   });
   if (sample.size() < 64) return;  // too few for ranks
-  const Classifier class_of(limits_of(std::move(sample)));
-  each([&](std::size_t i) { plane[i] = class_of(values[i]); });
+  const RankClassifier class_of(limits_of(std::move(sample)));
+  each([&](std::size_t i) { take(i, class_of(values[i])); });
 }
 
-std::vector<std::uint8_t> classes(const std::vector<float>& values, const BearingGrid& grid, Limits limits_of,
-                                  int columns = 1, int rows = 1) {
+std::vector<std::uint8_t> classes(const std::vector<float>& values, const BearingGrid& grid, RankLimits limits_of) {
+  if (values.empty()) return {};
   std::vector<std::uint8_t> plane(grid.pixels(), FeatureSet::none);
+  classify(values, grid.width, {0, 0, grid.width, grid.height}, limits_of,
+           [&](std::size_t i, std::uint8_t rank) { plane[i] = rank; });
+  return plane;
+}
+
+/// Puts the classes of the values (NaN: none) into packed pixels. Each of `columns` x `rows` parts is ranked by itself.
+void pack(const std::vector<float>& values, const PackedClass& where, int columns, int rows, FeaturePlanes& planes) {
+  if (values.empty()) return;
+  const BearingGrid& grid = planes.grid;
   // The first pixel whose middle lies in a part, which is where the vector code draws the line too.
   const auto edge = [](int part, int parts, int extent) {
     return static_cast<int>((2 * static_cast<std::int64_t>(part) * extent + parts - 1) / (2 * parts));
@@ -112,16 +66,16 @@ std::vector<std::uint8_t> classes(const std::vector<float>& values, const Bearin
       classify(values, grid.width,
                {edge(column, columns, grid.width), edge(row, rows, grid.height), edge(column + 1, columns, grid.width),
                 edge(row + 1, rows, grid.height)},
-               limits_of, plane);
-  return plane;
+               equal_population_limits,
+               [&](std::size_t i, std::uint8_t rank) { planes.packed[i] = where.put(planes.packed[i], rank); });
 }
 
-std::vector<std::uint8_t> classes(const std::vector<float>& values, Limits limits_of) {
+std::vector<std::uint8_t> classes(const std::vector<float>& values, RankLimits limits_of) {
   std::vector<std::uint8_t> result(values.size());
   if (values.empty()) return result;
   std::vector<float> sample;
   for (std::size_t i = 0; i < values.size(); i += values.size() / 16384 + 1) sample.push_back(values[i]);
-  std::ranges::transform(values, result.begin(), Classifier(limits_of(std::move(sample))));
+  std::ranges::transform(values, result.begin(), RankClassifier(limits_of(std::move(sample))));
   return result;
 }
 
@@ -132,6 +86,16 @@ struct Resampled {
   std::vector<float> grey;
 };
 
+/// Cosines of the angles between the optical axis and the pixels of a row, whose y is `v`; `x_squared` are the squares
+/// of the columns' (u - cx) / fx.
+void cosines(const BearingGrid& grid, int v, const std::vector<double>& x_squared, std::vector<double>& to) {
+  const double y = (v - static_cast<double>(grid.cy)) / grid.fy;
+  for (std::size_t u = 0; u < to.size(); ++u) {
+    const double squared = x_squared[u] + y * y;
+    to[u] = grid.xi == 0 ? 1 / std::sqrt(squared + 1) : (1 - squared) / (1 + squared);
+  }
+}
+
 Resampled resample(const FramePair& pair, const DepthMap& depth, const Camera& camera, const BearingGrid& grid,
                    bool with_depth) {
   const bool same = camera.model() == CameraModel::rectified;
@@ -140,13 +104,15 @@ Resampled resample(const FramePair& pair, const DepthMap& depth, const Camera& c
   result.distance.assign(grid.pixels(), no_value);
   if (with_depth) result.depth.assign(grid.pixels(), no_value);
   if (with_grey) result.grey.assign(grid.pixels(), no_value);
-  for (int v = 0; v < grid.height; ++v)
+  std::vector<double> x_squared(grid.width), forward_of_row(grid.width);
+  for (int u = 0; u < grid.width; ++u) x_squared[u] = std::pow((u - static_cast<double>(grid.cx)) / grid.fx, 2);
+  for (int v = 0; v < grid.height; ++v) {
+    cosines(grid, v, x_squared, forward_of_row);
     for (int u = 0; u < grid.width; ++u) {
       const std::size_t to = static_cast<std::size_t>(v) * grid.width + u;
       std::size_t from = to;
-      const Eigen::Vector3d bearing = grid.bearing(u, v);
       if (!same) {
-        const auto uv = camera.project(bearing);
+        const auto uv = camera.project(grid.bearing(u, v));
         if (!uv) continue;
         // Not lround: it takes -0.5, which the camera sees, to -1.
         from = static_cast<std::size_t>(std::floor(uv->y() + 0.5)) * depth.width +
@@ -154,11 +120,12 @@ Resampled resample(const FramePair& pair, const DepthMap& depth, const Camera& c
       }
       if (with_grey) result.grey[to] = pair.image.pixels[from];
       const float inverse = depth.inverse_depth[from];
-      if (!(inverse > DepthMap::no_depth) || (!depth.along_ray && bearing.z() <= 0)) continue;
-      const auto forward = static_cast<float>(bearing.z());
+      const auto forward = static_cast<float>(forward_of_row[u]);
+      if (!(inverse > DepthMap::no_depth) || (!depth.along_ray && forward <= 0)) continue;
       result.distance[to] = -(depth.along_ray ? inverse : inverse * forward);
       if (with_depth) result.depth[to] = depth.along_ray ? forward / inverse : 1 / inverse;
     }
+  }
   return result;
 }
 
@@ -225,27 +192,46 @@ Eigen::Vector3f viewpoint(const RigidTransform& T_camera_lidar, const SearchBoun
 
 void rank_distance(const Eigen::Vector3f& from, FeatureSet& features) {
   std::vector<float> distance(features.points());
-  for (std::size_t i = 0; i < distance.size(); ++i)
-    distance[i] = (Eigen::Vector3f(features.x_m[i], features.y_m[i], features.z_m[i]) - from).norm();
+  for (std::size_t i = 0; i < distance.size(); ++i) distance[i] = (features.point(i) - from).norm();
   features.range_rank = classes(distance, equal_population_limits);
 }
 
+float unit_for(float largest_m) {
+  float unit_m = std::exp2(-15.F);
+  while (largest_m / unit_m > std::numeric_limits<std::int16_t>::max()) unit_m *= 2;
+  return unit_m;
+}
+
+Eigen::Vector3f in_units(const Eigen::Vector3f& point, float unit_m) { return (point / unit_m).array().round(); }
+
 void take_points(const LidarScan& scan, const RigidTransform& T_camera_lidar, const FeatureSettings& settings,
                  FeatureSet& features) {
+  const auto position = [&](std::size_t i) {
+    return Eigen::Vector3f(scan.points[i].x_m, scan.points[i].y_m, scan.points[i].z_m);
+  };
+  const auto furthest = [](const Eigen::Vector3f& point) { return point.cwiseAbs().maxCoeff(); };
+  float largest = 0;
+  std::vector<std::size_t> measured, kept;
+  for (std::size_t i = 0; i < scan.points.size(); ++i) {
+    if (!position(i).allFinite() || furthest(position(i)) > FeatureSet::farthest_m) continue;
+    largest = std::max(largest, furthest(position(i)));
+    measured.push_back(i);
+  }
   const Cull cull(*features.planes, T_camera_lidar, settings.bounds);
-  std::vector<std::size_t> kept;
-  for (std::size_t i = 0; i < scan.points.size(); ++i)
-    if (cull.may_be_in_view({scan.points[i].x_m, scan.points[i].y_m, scan.points[i].z_m})) kept.push_back(i);
+  const float unit = unit_for(largest);
+  for (const std::size_t i : measured)
+    if (cull.may_be_in_view(unit * in_units(position(i), unit))) kept.push_back(i);
+  std::vector<Eigen::Vector3f> points;
   std::vector<float> range, reflectance;
-  for (auto* values : {&features.x_m, &features.y_m, &features.z_m, &range, &reflectance}) values->reserve(kept.size());
+  points.reserve(kept.size());
+  for (auto* values : {&range, &reflectance}) values->reserve(kept.size());
   for (const std::size_t i : even_samples_first(kept.size())) {
     const LidarPoint& point = scan.points[kept[i]];
-    features.x_m.push_back(point.x_m);
-    features.y_m.push_back(point.y_m);
-    features.z_m.push_back(point.z_m);
+    points.push_back(position(kept[i]));
     range.push_back(std::hypot(point.x_m, point.y_m, point.z_m));
     reflectance.push_back(point.reflectance);
   }
+  features.set_points(points, largest);
   rank_distance(viewpoint(T_camera_lidar, settings.bounds), features);
   features.reflectance_rank = classes(reflectance, equal_population_limits);
   if (!settings.baselines) return;
@@ -258,7 +244,7 @@ int points_on_depth(const FeatureSet& features, const RigidTransform& T_camera_l
   const BearingGrid& grid = features.planes->grid;
   int count = 0;
   for (std::size_t i = 0; i < features.points(); ++i) {
-    const Eigen::Vector3d p = T_camera_lidar * Eigen::Vector3d(features.x_m[i], features.y_m[i], features.z_m[i]);
+    const Eigen::Vector3d p = T_camera_lidar * features.point(i).cast<double>();
     const double denominator = p.z() + grid.xi * p.norm();
     if (!(denominator > 0)) continue;
     const double u = grid.fx * p.x() / denominator + grid.cx, v = grid.fy * p.y() / denominator + grid.cy;
@@ -311,7 +297,7 @@ Eigen::Vector3d BearingGrid::bearing(double u, double v) const {
 }
 
 std::size_t FeatureSet::memory_bytes() const {
-  std::size_t bytes = sizeof *this + sizeof(float) * (x_m.capacity() + y_m.capacity() + z_m.capacity());
+  std::size_t bytes = sizeof *this + sizeof(std::int16_t) * (x.capacity() + y.capacity() + z.capacity());
   for (const auto* values : {&range_rank, &reflectance_rank, &range_linear, &reflectance_linear})
     bytes += values->capacity();
   if (!planes) return bytes;
@@ -322,6 +308,20 @@ std::size_t FeatureSet::memory_bytes() const {
   return bytes;
 }
 
+void FeatureSet::set_points(std::span<const Eigen::Vector3f> points, float largest_m) {
+  unit_m = unit_for(largest_m);
+  for (auto* values : {&x, &y, &z}) {
+    values->clear();
+    values->reserve(points.size());
+  }
+  for (const Eigen::Vector3f& point : points) {
+    const Eigen::Matrix<std::int16_t, 3, 1> rounded = in_units(point, unit_m).cast<std::int16_t>();
+    x.push_back(rounded.x());
+    y.push_back(rounded.y());
+    z.push_back(rounded.z());
+  }
+}
+
 FeatureSet FeatureSet::about(const RigidTransform& T_camera_lidar, const SearchBounds& bounds) const {
   FeatureSet result;
   result.stamp = stamp;
@@ -329,15 +329,16 @@ FeatureSet FeatureSet::about(const RigidTransform& T_camera_lidar, const SearchB
   const Cull cull(*planes, T_camera_lidar, bounds);
   std::vector<std::size_t> kept;
   for (std::size_t i = 0; i < points(); ++i)
-    if (cull.may_be_in_view({x_m[i], y_m[i], z_m[i]})) kept.push_back(i);
+    if (cull.may_be_in_view(point(i))) kept.push_back(i);
   const auto take = [&](const auto& from, auto& to) {
     if (from.empty()) return;
     to.resize(kept.size());
     std::ranges::transform(kept, to.begin(), [&](std::size_t i) { return from[i]; });
   };
-  take(x_m, result.x_m);
-  take(y_m, result.y_m);
-  take(z_m, result.z_m);
+  take(x, result.x);
+  take(y, result.y);
+  take(z, result.z);
+  result.unit_m = unit_m;
   take(reflectance_rank, result.reflectance_rank);
   take(range_linear, result.range_linear);
   take(reflectance_linear, result.reflectance_linear);
@@ -357,20 +358,13 @@ Result<FeatureSet> make_features(const FramePair& pair, const DepthMap& depth, c
   planes.max_angle_rad = camera.max_angle_rad();
   const Resampled seen = resample(pair, depth, camera, planes.grid, settings.baselines);
   planes.packed.assign(planes.grid.pixels(), 0xFFFF);
-  const auto pack = [&](const PackedClass& where, const std::vector<std::uint8_t>& plane) {
-    for (std::size_t i = 0; i < plane.size(); ++i) planes.packed[i] = where.put(planes.packed[i], plane[i]);
-  };
-  pack(FeaturePlanes::depth, classes(seen.distance, planes.grid, equal_population_limits));
-  pack(FeaturePlanes::tile_depth,
-       classes(seen.distance, planes.grid, equal_population_limits, FeatureSet::tile_columns, FeatureSet::tile_rows));
-  if (!seen.grey.empty()) {
-    std::vector<std::uint8_t> grey = classes(seen.grey, planes.grid, equal_population_limits);
-    pack(FeaturePlanes::grey, grey);
-    if (settings.baselines) planes.grey_rank = std::move(grey);
-  }
+  pack(seen.distance, FeaturePlanes::depth, 1, 1, planes);
+  pack(seen.distance, FeaturePlanes::tile_depth, FeatureSet::tile_columns, FeatureSet::tile_rows, planes);
+  pack(seen.grey, FeaturePlanes::grey, 1, 1, planes);
   if (settings.baselines) {
     planes.depth_linear = classes(seen.depth, planes.grid, equal_width_limits);
-    if (!seen.grey.empty()) planes.grey_linear = classes(seen.grey, planes.grid, equal_width_limits);
+    planes.grey_linear = classes(seen.grey, planes.grid, equal_width_limits);
+    planes.grey_rank = classes(seen.grey, planes.grid, equal_population_limits);
   }
   features.planes = std::make_shared<const FeaturePlanes>(std::move(planes));
   take_points(pair.scan, T_camera_lidar, settings, features);

@@ -58,8 +58,9 @@ HWY_INLINE void project_block(const PointBlock& block, const Projection& project
   const Ints ints;
   const hn::RebindToUnsigned<Ints> bits;
   const hn::Rebind<std::uint8_t, Ints> bytes;
+  const hn::Rebind<std::int16_t, Ints> shorts;
   // Copies: else they were read again for each vector, because what is stored could have changed them.
-  const auto& T = projection.T_camera_lidar;
+  const auto& T = projection.T_camera_points;
   const BearingGrid& grid = projection.grid;
   // A pinhole's focal lengths go into the rows of the transform.
   const float x_unit = wide ? 1 : grid.fx, y_unit = wide ? 1 : grid.fy;
@@ -87,7 +88,9 @@ HWY_INLINE void project_block(const PointBlock& block, const Projection& project
   std::size_t seen_before = 0;
 
   const auto project_vector = [&](const PointBlock& from, std::size_t i, auto known) HWY_ATTR {
-    const auto x = hn::LoadU(f, from.x_m + i), y = hn::LoadU(f, from.y_m + i), z = hn::LoadU(f, from.z_m + i);
+    const auto load = [&](const std::int16_t* values)
+                          HWY_ATTR { return hn::ConvertTo(f, hn::PromoteTo(ints, hn::LoadU(shorts, values + i))); };
+    const auto x = load(from.x), y = load(from.y), z = load(from.z);
     const auto x_camera = hn::MulAdd(t0, x, hn::MulAdd(t1, y, hn::MulAdd(t2, z, t3)));
     const auto y_camera = hn::MulAdd(t4, x, hn::MulAdd(t5, y, hn::MulAdd(t6, z, t7)));
     const auto z_camera = hn::MulAdd(t8, x, hn::MulAdd(t9, y, hn::MulAdd(t10, z, t11)));
@@ -128,12 +131,12 @@ HWY_INLINE void project_block(const PointBlock& block, const Projection& project
   std::size_t i = 0;
   for (; i + lanes <= block.count; i += lanes) project_vector(block, i, [](auto mask) HWY_ATTR { return mask; });
   if (const std::size_t left = block.count - i; left > 0) {
-    float coordinates[3][most_lanes] = {};
+    std::int16_t coordinates[3][most_lanes] = {};
     std::uint8_t rest_ranks[PointBlock::most_features][most_lanes] = {};
     PointBlock rest{coordinates[0], coordinates[1], coordinates[2], {}, left};
-    std::copy_n(block.x_m + i, left, coordinates[0]);
-    std::copy_n(block.y_m + i, left, coordinates[1]);
-    std::copy_n(block.z_m + i, left, coordinates[2]);
+    std::copy_n(block.x + i, left, coordinates[0]);
+    std::copy_n(block.y + i, left, coordinates[1]);
+    std::copy_n(block.z + i, left, coordinates[2]);
     for (std::size_t k = 0; k < rest.ranks.size(); ++k)
       if (block.ranks[k] != nullptr) {
         std::copy_n(block.ranks[k] + i, left, rest_ranks[k]);

@@ -14,7 +14,7 @@ namespace calib {
 /// Points that are projected together.
 struct PointBlock {
   static constexpr std::size_t capacity = 1024, most_features = 3;
-  const float *x_m, *y_m, *z_m;
+  const std::int16_t *x, *y, *z;
   /// Ranks of the points' features that are wanted, at least of one; then null.
   std::array<const std::uint8_t*, most_features> ranks;
   std::size_t count;
@@ -45,7 +45,7 @@ struct CountsShape {
 
 /// The projection of a frame's points, with the grid's intrinsics.
 struct Projection {
-  std::array<float, 12> T_camera_lidar;  // row-major 3 x 4
+  std::array<float, 12> T_camera_points;  // to m from the points' unit, row-major 3 x 4
   BearingGrid grid;
 };
 

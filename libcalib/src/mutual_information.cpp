@@ -103,10 +103,11 @@ Score score_term(const Term& term, const Counting& counting, const std::vector<s
 }
 
 Projection projection_of(const FeatureSet& features, const RigidTransform& T_camera_lidar) {
-  Projection projection{.T_camera_lidar = {}, .grid = features.planes->grid};
+  Projection projection{.T_camera_points = {}, .grid = features.planes->grid};
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 4; ++j)
-      projection.T_camera_lidar[i * 4 + j] = static_cast<float>(T_camera_lidar.matrix()(i, j));
+      projection.T_camera_points[i * 4 + j] =
+          static_cast<float>(T_camera_lidar.matrix()(i, j)) * (j < 3 ? features.unit_m : 1);
   return projection;
 }
 
@@ -138,9 +139,9 @@ Score score(const FeatureSet& features, const RigidTransform& T_camera_lidar, co
   const Projection projection = projection_of(features, T_camera_lidar);
   const std::size_t total = (features.points() + objective.stride - 1) / objective.stride;
   for (std::size_t first = 0; first < total; first += PointBlock::capacity) {
-    PointBlock block{.x_m = &features.x_m[first],
-                     .y_m = &features.y_m[first],
-                     .z_m = &features.z_m[first],
+    PointBlock block{.x = &features.x[first],
+                     .y = &features.y[first],
+                     .z = &features.z[first],
                      .ranks = {},
                      .count = std::min(PointBlock::capacity, total - first)};
     for (std::size_t k = 0; k < rows.size(); ++k)

@@ -170,9 +170,7 @@ TEST_CASE("a joint histogram counts points where they land, and none that are ou
   FeatureSet frame;
   frame.planes = planes;
   // On the first pixel twice, on the second one (no depth), behind the camera, beside the image.
-  frame.x_m = {0, 0.4F, 1, 0, 3};
-  frame.y_m = {0, 0, 0, 0, 0};
-  frame.z_m = {1, 1, 1, -1, 1};
+  frame.set_points(std::vector<Eigen::Vector3f>{{0, 0, 1}, {0.4F, 0, 1}, {1, 0, 1}, {0, 0, -1}, {3, 0, 1}}, 3);
   frame.range_rank = {16, 239, 0, 0, 0};
   frame.reflectance_rank = {0, 0, 0, 0, 0};
   const auto at = [](const JointHistogram& histogram, int row, int column) {

@@ -76,9 +76,8 @@ TEST_CASE("ranks grow with distance and every rank holds its share") {
   const DepthMap depth = drive.depth(0);
   const Eigen::Vector3f p_lidar_camera = drive.T_camera_lidar().inverse().translation().cast<float>();
   std::vector<std::pair<float, int>> by_range;
-  for (std::size_t i = 0; i < features.x_m.size(); ++i)
-    by_range.emplace_back((Eigen::Vector3f(features.x_m[i], features.y_m[i], features.z_m[i]) - p_lidar_camera).norm(),
-                          features.range_rank[i]);
+  for (std::size_t i = 0; i < features.points(); ++i)
+    by_range.emplace_back((features.point(i) - p_lidar_camera).norm(), features.range_rank[i]);
   std::ranges::sort(by_range);
   CHECK(std::ranges::is_sorted(by_range, {}, &std::pair<float, int>::second));
 
@@ -115,7 +114,8 @@ TEST_CASE("culling keeps every point that an extrinsic within the bounds brings 
       const FeatureSet kept =
           test::require_ok(make_features(only(scan), wall(camera), camera, T, {.bounds = bounds, .min_points = 0}));
       std::set<std::tuple<float, float, float>> points;
-      for (std::size_t i = 0; i < kept.x_m.size(); ++i) points.emplace(kept.x_m[i], kept.y_m[i], kept.z_m[i]);
+      for (std::size_t i = 0; i < kept.points(); ++i) points.emplace(kept.x[i], kept.y[i], kept.z[i]);
+      const auto rounded = [&](float value_m) { return std::round(value_m / kept.unit_m); };
       for (int corner = 0; corner < 64 + 20; ++corner) {
         Vector6 delta;
         for (int axis = 0; axis < 6; ++axis) {
@@ -126,7 +126,7 @@ TEST_CASE("culling keeps every point that an extrinsic within the bounds brings 
         int lost = 0;
         for (const LidarPoint& p : scan.points)
           if (camera.project(T_moved * Eigen::Vector3d(p.x_m, p.y_m, p.z_m)))
-            lost += !points.contains({p.x_m, p.y_m, p.z_m});
+            lost += !points.contains({rounded(p.x_m), rounded(p.y_m), rounded(p.z_m)});
         REQUIRE(lost == 0);
       }
     }
@@ -138,14 +138,14 @@ TEST_CASE("culling leaves out what no extrinsic within the bounds can bring into
   const LidarScan around = drive.scan(0);
   const FeatureSet kept =
       test::require_ok(make_features(only(around), drive.depth(0), drive.camera(), drive.T_camera_lidar()));
-  CHECK(static_cast<double>(kept.x_m.size()) < 0.45 * static_cast<double>(around.points.size()));
+  CHECK(static_cast<double>(kept.points()) < 0.45 * static_cast<double>(around.points.size()));
 }
 
-TEST_CASE("a frame of a 64-beam LiDAR and a 1242 x 375 camera is kept in less than 1.7 MB") {
+TEST_CASE("a frame of a 64-beam LiDAR and a 1242 x 375 camera is kept in less than 1.4 MB") {
   test::SimulatedDrive drive(34, 1242, 375, {.azimuth_step_deg = 0.17});
   const FeatureSet features = drive.features(0);
-  CHECK(features.memory_bytes() < 1'700'000);
-  CHECK(features.memory_bytes() > 2 * features.planes->packed.size() + 14 * features.x_m.size());
+  CHECK(features.memory_bytes() < 1'400'000);
+  CHECK(features.memory_bytes() > 2 * features.planes->packed.size() + 8 * features.points());
 }
 
 TEST_CASE("the grid of a lens of any model covers what the lens sees") {
@@ -207,11 +207,23 @@ TEST_CASE("features about another extrinsic are those that would have been made 
   CHECK(moved.points() == made.points());
   // The order differs, and with it the sample that limits of ranks come from.
   std::map<std::tuple<float, float, float>, int> ranks;
-  for (std::size_t i = 0; i < made.points(); ++i) ranks[{made.x_m[i], made.y_m[i], made.z_m[i]}] = made.range_rank[i];
+  for (std::size_t i = 0; i < made.points(); ++i) ranks[{made.x[i], made.y[i], made.z[i]}] = made.range_rank[i];
   for (std::size_t i = 0; i < moved.points(); ++i) {
-    const auto found = ranks.find({moved.x_m[i], moved.y_m[i], moved.z_m[i]});
+    const auto found = ranks.find({moved.x[i], moved.y[i], moved.z[i]});
     REQUIRE(found != ranks.end());
     REQUIRE(std::abs(found->second - moved.range_rank[i]) <= 6);
+  }
+}
+
+TEST_CASE("points are kept to a few millimetres, also where one is far away") {
+  for (const auto& [largest_m, unit_m] :
+       {std::pair{80.F, 0.004F}, {127.9F, 0.004F}, {200.F, 0.008F}, {500.F, 0.016F}}) {
+    FeatureSet features;
+    const std::vector<Eigen::Vector3f> points{{largest_m, 1.234F, -0.001F}, {-largest_m, 0, 17.77F}};
+    features.set_points(points, largest_m);
+    CHECK(features.unit_m < unit_m);
+    for (std::size_t i = 0; i < points.size(); ++i)
+      CHECK((features.point(i) - points[i]).cwiseAbs().maxCoeff() <= features.unit_m / 2);
   }
 }
 
@@ -220,7 +232,7 @@ TEST_CASE("the first of the points are an even sample of all") {
   const FeatureSet features = drive.features(0);
   const auto mean = [&](std::size_t count) {
     Eigen::Vector3d sum(0, 0, 0);
-    for (std::size_t i = 0; i < count; ++i) sum += Eigen::Vector3d(features.x_m[i], features.y_m[i], features.z_m[i]);
+    for (std::size_t i = 0; i < count; ++i) sum += features.point(i).cast<double>();
     return Eigen::Vector3d(sum / static_cast<double>(count));
   };
   for (const int part : {32, 8, 2}) CHECK((mean(features.points() / part) - mean(features.points())).norm() < 0.5);
@@ -243,15 +255,14 @@ TEST_CASE("too few points on depth are refused, as are a depth map of another si
   CHECK(refusal(nothing, scan, drive.T_camera_lidar()) == "low_overlap");
 }
 
-TEST_CASE("a point or an extrinsic that is not a number never gets into a feature set") {
+TEST_CASE("a point that is not a number or too far away, or such an extrinsic, never gets into a feature set") {
   test::SimulatedDrive drive(36);
   constexpr float nan = std::numeric_limits<float>::quiet_NaN();
   LidarScan scan = drive.scan(0);
-  scan.points.insert(scan.points.begin() + 7, {{nan, 1, 1, 0}, {10, nan, 0, 0}, {10, 0, nan, 0}});
+  scan.points.insert(scan.points.begin() + 7, {{nan, 1, 1, 0}, {10, nan, 0, 0}, {10, 0, nan, 0}, {1e6F, 0, 0, 0}});
   const FeatureSet features =
       test::require_ok(make_features(only(scan), drive.depth(0), drive.camera(), drive.T_camera_lidar()));
-  for (std::size_t i = 0; i < features.x_m.size(); ++i)
-    REQUIRE(std::isfinite(features.x_m[i] + features.y_m[i] + features.z_m[i]));
+  CHECK(features.x == drive.features(0).x);
   CHECK(features.range_rank == drive.features(0).range_rank);
   RigidTransform T = drive.T_camera_lidar();
   T.translation().x() = nan;

@@ -29,14 +29,15 @@ FeatureSet board(const RankAt& first, const RankAt& second) {
   planes.max_angle_rad = 0.6;
   std::vector<std::uint8_t> of_pixels(planes.grid.pixels(), FeatureSet::none);
   FeatureSet features;
+  std::vector<Eigen::Vector3f> points;
   for (int v = 0; v < side; ++v)
     for (int u = 0; u < side; ++u) {
-      features.x_m.push_back(10 * (static_cast<float>(u) - planes.grid.cx) / planes.grid.fx);
-      features.y_m.push_back(10 * (static_cast<float>(v) - planes.grid.cy) / planes.grid.fy);
-      features.z_m.push_back(10);
+      points.emplace_back(10 * (static_cast<float>(u) - planes.grid.cx) / planes.grid.fx,
+                          10 * (static_cast<float>(v) - planes.grid.cy) / planes.grid.fy, 10);
       features.range_rank.push_back(static_cast<std::uint8_t>(first(u, v)));
       of_pixels[v * side + u] = static_cast<std::uint8_t>(second(u, v));
     }
+  features.set_points(points, 10);
   for (const std::uint8_t rank : of_pixels) {
     std::uint16_t& pixel = planes.packed.emplace_back();
     for (const auto& where : {FeaturePlanes::depth, FeaturePlanes::tile_depth, FeaturePlanes::grey})
@@ -110,7 +111,8 @@ TEST_CASE("what is out of view, behind the camera, without depth or too little i
   CHECK(nothing(board(along, [](int, int) { return int{FeatureSet::none}; }), identity));
   const auto never = [](int, int) { return 0; };
   FeatureSet no_points = board(never, never);
-  no_points.x_m.clear(), no_points.y_m.clear(), no_points.z_m.clear(), no_points.range_rank.clear();
+  no_points.set_points({}, 1);
+  no_points.range_rank.clear();
   CHECK(nothing(no_points, identity));
   CHECK(mean_score({}, identity).value == 0);
   // All points in one class: nothing to be told apart.
@@ -179,7 +181,7 @@ TEST_CASE("the vector code counts what plain arithmetic counts, whatever the len
   const FeaturePlanes& planes = *features.planes;
   std::size_t expected = 0;
   for (std::size_t i = 0; i < features.points(); ++i) {
-    const Eigen::Vector3d p = T * Eigen::Vector3d(features.x_m[i], features.y_m[i], features.z_m[i]);
+    const Eigen::Vector3d p = T * features.point(i).cast<double>();
     const double denominator = p.z() + planes.grid.xi * p.norm();
     const double u = std::floor(planes.grid.fx * p.x() / denominator + planes.grid.cx + 0.5);
     const double v = std::floor(planes.grid.fy * p.y() / denominator + planes.grid.cy + 0.5);
@@ -256,12 +258,10 @@ TEST_CASE("the score depends on where things are, not on where the LiDAR's frame
   const FeatureSet frame = drive.features(0);
   const RigidTransform turn = test::knock(10, -20, 130, 1, 2, -3);
   FeatureSet moved = frame;
-  for (std::size_t i = 0; i < frame.x_m.size(); ++i) {
-    const Eigen::Vector3d p = turn.inverse() * Eigen::Vector3d(frame.x_m[i], frame.y_m[i], frame.z_m[i]);
-    moved.x_m[i] = static_cast<float>(p.x());
-    moved.y_m[i] = static_cast<float>(p.y());
-    moved.z_m[i] = static_cast<float>(p.z());
-  }
+  std::vector<Eigen::Vector3f> points;
+  for (std::size_t i = 0; i < frame.points(); ++i)
+    points.emplace_back((turn.inverse() * frame.point(i).cast<double>()).cast<float>());
+  moved.set_points(points, 120);
   CHECK(score(moved, drive.T_camera_lidar() * turn).value ==
         Approx(score(frame, drive.T_camera_lidar()).value).margin(1e-3));
 }

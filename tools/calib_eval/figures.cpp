@@ -36,8 +36,7 @@ JointHistogram joint_histogram(const FeatureSet& frame, const RigidTransform& T_
   JointHistogram histogram;
   if (points.empty() || pixels.empty()) return histogram;
   for (std::size_t i = 0; i < frame.points(); ++i) {
-    const Eigen::Vector3d p_lidar(frame.x_m[i], frame.y_m[i], frame.z_m[i]);
-    const auto pixel = pixel_of(frame.planes->grid, T_camera_lidar * p_lidar);
+    const auto pixel = pixel_of(frame.planes->grid, T_camera_lidar * frame.point(i).cast<double>());
     if (!pixel || points[i] >= FeatureSet::ranks || where.rank(pixels[*pixel]) >= FeatureSet::ranks) continue;
     ++histogram
           .counts[points[i] / ranks_per_class * JointHistogram::classes + where.rank(pixels[*pixel]) / ranks_per_class];

@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "calib/camera.hpp"
@@ -72,7 +73,7 @@ struct FeaturePlanes {
   double max_angle_rad = 0;
 };
 
-/// What is kept of a pair: everything that the objectives need, and no image. About 1.5 MB for a 1242 x 375 image and a
+/// What is kept of a pair: everything that the objectives need, and no image. About 1.3 MB for a 1242 x 375 image and a
 /// 64-beam scan. A copy shares the planes.
 ///
 /// A feature is a rank: the value's place among all values of the frame in equal steps 0 .. 239 (a histogram with equal
@@ -87,9 +88,13 @@ struct FeatureSet {
 
   Timestamp stamp{};
   std::shared_ptr<const FeaturePlanes> planes;
-  /// Points in the LiDAR frame (m) that can be in view within the bounds. Every 32nd comes first, then what makes that
-  /// every 16th, and so on: the first 1 / 2^n of them are an even sample of all.
-  std::vector<float> x_m, y_m, z_m;
+  /// Points in the LiDAR frame, in units of `unit_m`, that can be in view within the bounds. Every 32nd comes first,
+  /// then what makes that every 16th, and so on: the first 1 / 2^n of them are an even sample of all.
+  std::vector<std::int16_t> x, y, z;
+  /// A power of two, as small as the scan's largest coordinate permits: 4 mm up to 128 m, 16 mm up to `farthest_m`.
+  float unit_m = 1;
+  /// What lies further away is no measurement, and is left out.
+  static constexpr float farthest_m = 511;
   /// Ranks of a point's distance from the camera, and of its reflectance. The camera's position is that of the given
   /// extrinsic, which is good enough within a degree and some centimetres of it. From bounds of one radian on the
   /// position is unknown, and the distance is that from the LiDAR.
@@ -97,7 +102,11 @@ struct FeatureSet {
   /// The paper's: Euclidean range in the LiDAR frame, reflectance.
   std::vector<std::uint8_t> range_linear, reflectance_linear;
 
-  [[nodiscard]] std::size_t points() const { return x_m.size(); }
+  [[nodiscard]] std::size_t points() const { return x.size(); }
+  /// In the LiDAR frame, in m.
+  [[nodiscard]] Eigen::Vector3f point(std::size_t i) const { return unit_m * Eigen::Vector3f(x[i], y[i], z[i]); }
+  /// Rounds points (LiDAR frame, m) to units that suit coordinates up to `largest_m`, and keeps them.
+  void set_points(std::span<const Eigen::Vector3f> points, float largest_m);
   [[nodiscard]] std::size_t memory_bytes() const;
 
   /// The same pair for a search about another extrinsic, of points that can be in view within narrower bounds.
