@@ -1,3 +1,4 @@
+#include <malloc.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
 #include <sys/signalfd.h>
@@ -43,6 +44,18 @@ std::array<std::optional<std::filesystem::path>, 2> folders_from_environment(con
   for (auto& one : folders)
     if (std::getline(list, folder, ':') && !folder.empty()) one = folder;
   return folders;
+}
+
+/// Lets glibc return freed memory to the system at once: calibd needs large buffers for part of a second per pair, and
+/// then waits for seconds. By default each thread has a heap of its own, and the thresholds grow to the size of the
+/// largest buffers. To be called before threads start. No effect with AddressSanitizer, which has its own allocator.
+void return_freed_memory() {
+#ifdef __GLIBC__
+  constexpr int threshold_bytes = 128 << 10;  // glibc's initial value; fixed once it is set
+  mallopt(M_ARENA_MAX, 1);
+  mallopt(M_MMAP_THRESHOLD, threshold_bytes);
+  mallopt(M_TRIM_THRESHOLD, threshold_bytes);
+#endif
 }
 
 std::string file_bytes(const std::filesystem::path& file) {
@@ -156,6 +169,7 @@ int serve(calib::Service& service, calib::ControlSocket& control, int signal_fd)
 }  // namespace
 
 int main(int argc, char** argv) {
+  return_freed_memory();
   CLI::App app{"Watches whether cameras and LiDARs still are where their calibration says."};
   app.set_version_flag("--version", std::string("calibd ") + calib::version);
   std::filesystem::path config_file = "/etc/calibd/calibd.yaml";

@@ -152,19 +152,15 @@ Result<void> check_png(Bytes bytes) {
 }  // namespace
 
 Result<CompressedHeader> probe_compressed(Bytes bytes) {
-  constexpr std::uint8_t png[] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1A, '\n'};
-  constexpr std::uint8_t jpeg[] = {0xFF, start_of_image, 0xFF};
-  const bool is_png = bytes.size() >= 8 && std::ranges::equal(bytes.first(8), png);
-  const bool is_jpeg = bytes.size() >= 3 && std::ranges::equal(bytes.first(3), jpeg);
-  if (!is_png && !is_jpeg)
-    return fail(ErrorCode::malformed_compressed_format, "data begins neither as a JPEG nor as a PNG");
+  const auto compression = compression_of(bytes);
+  if (!compression) return fail(ErrorCode::malformed_compressed_format, "data begins neither as a JPEG nor as a PNG");
   std::optional<ImageSize> size;
-  if (is_jpeg)
+  if (*compression == Compression::jpeg)
     size = jpeg_size(bytes);
   else if (const auto header = png_header(bytes))
     size = in_bounds(big_endian(header->first(4)), big_endian(header->subspan(4, 4)));
   if (!size) return fail(ErrorCode::malformed_compressed_dimensions, "its header gives no size in 1 .. 64 Mpx");
-  return CompressedHeader{is_png ? Compression::png : Compression::jpeg, *size};
+  return CompressedHeader{*compression, *size};
 }
 
 Result<void> check_compressed(Bytes bytes, const CompressedHeader& header) {

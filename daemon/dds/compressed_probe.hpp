@@ -3,14 +3,13 @@
 #include <cstdint>
 #include <span>
 
+#include "calib/image_codec.hpp"
 #include "calib/result.hpp"
 #include "dds/image_bound.hpp"
 
 namespace calib {
 
 // Checks of a JPEG or PNG before it is decoded. A few bytes may make a decoder work for minutes and allocate gigabytes.
-
-enum class Compression { jpeg, png };
 
 struct CompressedHeader {
   Compression compression = Compression::jpeg;

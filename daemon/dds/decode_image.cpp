@@ -4,9 +4,9 @@
 #include <span>
 #include <string_view>
 
+#include "calib/image_codec.hpp"
 #include "dds/compressed_probe.hpp"
 #include "dds/decode.hpp"
-#include "dds/decompress.hpp"
 
 namespace calib {
 namespace {
@@ -149,7 +149,8 @@ Result<Image> decode_compressed_image(const sensor_msgs_msg_dds__CompressedImage
   Image image{*stamp, width, height, std::vector<std::uint8_t>(static_cast<std::size_t>(width) * height)};
   const bool grey_only = colour == Colour::none;
   if (!grey_only) image.rgb.resize(3 * image.pixels.size());
-  const auto decoded = decompress(bytes, *header, grey_only ? 1 : 3, grey_only ? image.pixels : image.rgb);
+  const auto decoded = decode_pixels(bytes, header->compression, {width, height, grey_only ? 1 : 3},
+                                     grey_only ? image.pixels : image.rgb);
   if (!decoded) return propagate(decoded);
   if (grey_only) return image;
   const cv::Mat rgb(height, width, CV_8UC3, image.rgb.data());

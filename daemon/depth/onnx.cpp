@@ -1,7 +1,5 @@
 #include "depth/onnx.hpp"
 
-#include <malloc.h>
-
 #include "calib/sha256.hpp"
 #include "config_values.hpp"
 
@@ -13,28 +11,6 @@ std::string sha256_of_file(const std::filesystem::path& file) {
   const auto text = read_config_text(file);
   return text ? sha256_hex(*text) : "";
 }
-
-/// Returns free memory to the system whenever the network has loaded or run: what that leaves behind is free and yet
-/// resident, several times the network itself.
-class MemoryReturningDepth final : public DepthEstimator {
- public:
-  explicit MemoryReturningDepth(std::unique_ptr<DepthEstimator> network) : network_(std::move(network)) {}
-
-  Result<std::string> prepare() override { return then_return_memory(network_->prepare()); }
-  Result<DepthMap> estimate(const FramePair& pair) override { return then_return_memory(network_->estimate(pair)); }
-  void cancel() override { network_->cancel(); }
-
- private:
-  template <typename T>
-  static T then_return_memory(T result) {
-#ifdef __GLIBC__
-    malloc_trim(0);
-#endif
-    return result;
-  }
-
-  std::unique_ptr<DepthEstimator> network_;
-};
 
 }  // namespace
 
@@ -80,9 +56,7 @@ Result<std::unique_ptr<DepthEstimator>> OnnxDepthConfig::make_estimator(const Ca
   // Evidence from two networks must not pass for evidence from one.
   if (!descriptor_sha256.empty() && sha256_of_file(model) != descriptor_sha256)
     return fail(ErrorCode::depth_failed, model.string() + " has changed since calibd started; restart calibd");
-  auto network = make_onnx_depth(model, camera, settings);
-  if (!network || settings.memory_arena) return network;
-  return std::make_unique<MemoryReturningDepth>(*std::move(network));
+  return make_onnx_depth(model, camera, settings);
 }
 
 }  // namespace calib

@@ -5,11 +5,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <opencv2/imgcodecs.hpp>
-#include <opencv2/imgproc.hpp>
+#include <opencv2/core.hpp>
+#include <span>
+#include <utility>
 
 #include "calib/depth_model.hpp"
 #include "calib/file.hpp"
+#include "calib/image_codec.hpp"
 #include "calib/image_header.hpp"
 #include "network_image.hpp"
 #include "onnx_network.hpp"
@@ -25,18 +27,19 @@ Result<Image> read_golden_image(const std::filesystem::path& file) {
   constexpr std::uint64_t most_bytes = 64 << 20;
   auto bytes = read_regular_file(file, most_bytes);
   if (!bytes) return self_test_failed(bytes.error().context);
-  cv::Mat bgr, rgb, grey;
-  if (const auto header = read_image_header(*bytes); header && header->in_bounds()) {
-    try {
-      const cv::Mat in(1, static_cast<int>(bytes->size()), CV_8UC1, bytes->data());
-      grey = cv::imdecode(in, cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
-      bgr = cv::imdecode(in, cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION);
-      if (!bgr.empty()) cv::cvtColor(bgr, rgb, cv::COLOR_BGR2RGB);
-    } catch (const cv::Exception&) {  // damaged; reported below
-    }
+  const std::span encoded(reinterpret_cast<const std::uint8_t*>(bytes->data()), bytes->size());
+  const auto header = read_image_header(*bytes);
+  const auto compression = compression_of(encoded);
+  if (!header || !header->in_bounds() || !compression)
+    return self_test_failed(file.string() + " is no PNG or JPEG of 1 .. 64 Mpx");
+  Image image{{}, static_cast<int>(header->width), static_cast<int>(header->height), {}};
+  for (const auto& [channels, pixels] : {std::pair{1, &image.pixels}, std::pair{3, &image.rgb}}) {
+    const PixelLayout layout{image.width, image.height, channels};
+    pixels->resize(layout.bytes());
+    if (const auto decoded = decode_pixels(encoded, *compression, layout, *pixels); !decoded)
+      return self_test_failed(file.string() + ": " + decoded.error().context);
   }
-  if (rgb.empty()) return self_test_failed(file.string() + " is no image of 1 .. 64 Mpx");
-  return Image{{}, rgb.cols, rgb.rows, {grey.datastart, grey.dataend}, {rgb.datastart, rgb.dataend}};
+  return image;
 }
 
 /// Nothing unless the file holds just so many finite numbers.

@@ -1,21 +1,32 @@
 #include "calib/overlay.hpp"
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <utility>
 
 #include "calib/file.hpp"
+#include "calib/image_codec.hpp"
 
 namespace calib {
 namespace {
 
-/// From far (blue) to near (red).
+/// By the extension of `file`, in either case.
+std::optional<Compression> compression_for(const std::filesystem::path& file) {
+  std::string extension = file.extension().string();
+  for (char& letter : extension) letter = static_cast<char>(std::tolower(static_cast<unsigned char>(letter)));
+  if (extension == ".png") return Compression::png;
+  if (extension == ".jpg" || extension == ".jpeg" || extension == ".jpe") return Compression::jpeg;
+  return std::nullopt;
+}
+
+/// From far (blue) to near (red), in RGB.
 cv::Mat colour_table() {
   cv::Mat shades(1, 256, CV_8UC1), colours;
   for (int i = 0; i < 256; ++i) shades.at<std::uint8_t>(i) = static_cast<std::uint8_t>(i);
   cv::applyColorMap(shades, colours, cv::COLORMAP_TURBO);
+  cv::cvtColor(colours, colours, cv::COLOR_BGR2RGB);
   return colours;
 }
 
@@ -24,7 +35,7 @@ cv::Mat points_on_image(const FramePair& pair, const Camera& camera, const Rigid
   const cv::Mat grey(pair.image.height, pair.image.width, CV_8UC1,
                      const_cast<std::uint8_t*>(pair.image.pixels.data()));  // read only
   cv::Mat picture;
-  cv::cvtColor(grey, picture, cv::COLOR_GRAY2BGR);
+  cv::cvtColor(grey, picture, cv::COLOR_GRAY2RGB);
   // One dot in each cell, so that the image is seen between them, however dense the scan is.
   constexpr int cell = 4;
   cv::Mat_<std::uint8_t> taken(picture.rows / cell + 1, picture.cols / cell + 1, std::uint8_t{0});
@@ -61,18 +72,22 @@ cv::Mat depth_in_colours(const DepthMap& depth, const cv::Mat& colours) {
 
 Result<void> write_overlay(const std::filesystem::path& file, const FramePair& pair, const Camera& camera,
                            const RigidTransform& T_camera_lidar, const DepthMap* depth) {
+  const auto compression = compression_for(file);
+  if (!compression)
+    return fail(ErrorCode::write_failed, file.string() + " cannot be written: its extension is neither .png nor .jpg");
   try {
     const cv::Mat colours = colour_table();
     cv::Mat picture = points_on_image(pair, camera, T_camera_lidar, colours);
     if (depth != nullptr && depth->width == picture.cols)
       cv::vconcat(picture, depth_in_colours(*depth, colours), picture);
-    std::vector<std::uint8_t> encoded;
-    if (cv::imencode(file.extension().string(), picture, encoded))
-      return replace_file(file, {reinterpret_cast<const char*>(encoded.data()), encoded.size()});
-  } catch (const cv::Exception&) {  // an extension that is no picture's; reported below
+    const auto encoded = encode_pixels({picture.data, picture.total() * picture.elemSize()},
+                                       {picture.cols, picture.rows, picture.channels()}, *compression);
+    if (!encoded)
+      return fail(ErrorCode::write_failed, file.string() + " cannot be written: " + encoded.error().context);
+    return replace_file(file, *encoded);
+  } catch (const cv::Exception& exception) {
+    return fail(ErrorCode::write_failed, file.string() + " cannot be written: " + exception.err);
   }
-  return fail(ErrorCode::write_failed,
-              file.string() + " cannot be written; its extension says which kind of picture, such as .png");
 }
 
 }  // namespace calib

@@ -34,6 +34,12 @@ def runpath(path):
     return [folder for entry in entries for folder in entry.split(":")]
 
 
+def loaded(path):
+    """The libraries that the loader maps: those that the program needs, and those that libraries need."""
+    said = subprocess.run(["ldd", path], capture_output=True, text=True, check=True).stdout
+    return set(re.findall(r"^\s+(\S+\.so[.\d]*) ", said, re.MULTILINE))
+
+
 def symbols(path):
     return set(re.findall(r"\bUND (\w+)", readelf("--dyn-syms", path)))
 
@@ -53,6 +59,14 @@ def test_programs_find_their_private_libraries_beside_them(bin_dir, programs, pr
         for library in private_libraries:
             if library.name in needed:
                 assert [folder for folder in folders if library.samefile(f"{folder}/{library.name}")] == folders
+
+
+@pytest.mark.parametrize("name", ["calibd", "calibctl"])
+def test_what_runs_in_a_vehicle_maps_no_codecs_that_it_does_not_need(bin_dir, name):
+    """OpenCV's codecs need more than a hundred libraries, such as GDAL; JPEG and PNG need two."""
+    libraries = loaded(bin_dir / name)
+    assert any(library.startswith("libc.so") for library in libraries), libraries
+    assert not [library for library in libraries if re.match("libopencv_imgcodecs|libgdal|libtiff", library)]
 
 
 def test_the_private_cyclone_dds_knows_no_types_of_others(private_libraries):

@@ -155,6 +155,10 @@ TEST_CASE("a network that does not make of its golden picture what it should fai
     file.write(reinterpret_cast<const char*>(&other), sizeof other);
   }
   SECTION("no output") { std::filesystem::remove(folder.path() / "metric3d.f32"); }
+  SECTION("a picture that is neither PNG nor JPEG") {
+    std::ofstream(folder.path() / "metric3d.png") << "P5 2 2 255\nabcd";
+  }
+  SECTION("a picture that breaks off") { std::filesystem::resize_file(folder.path() / "metric3d.png", 200); }
   SECTION("no picture") { std::ofstream(folder.path() / "metric3d.png") << "no picture"; }
 
   const auto result = prepared();

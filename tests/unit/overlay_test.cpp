@@ -78,6 +78,22 @@ TEST_CASE("depth stands below the image in the same colours, black where there i
   CHECK(picture.at<cv::Vec3b>(48 + 4, 30) == cv::Vec3b(0, 0, 0));
 }
 
+TEST_CASE("the extension chooses PNG or JPEG, in either case") {
+  const test::TemporaryFolder folder;
+  const Shot shot;
+  for (const auto& [name, begin] : {std::pair{"picture.PNG", 0x89}, {"picture.jpg", 0xFF}, {"picture.Jpeg", 0xFF}}) {
+    INFO(name);
+    const auto file = folder.path() / name;
+    require_ok(write_overlay(file, shot.pair, shot.camera, RigidTransform::Identity()));
+    CHECK(std::ifstream(file, std::ios::binary).get() == begin);
+    const cv::Mat picture = cv::imread(file.string());
+    REQUIRE(picture.size() == cv::Size(64, 48));
+    CHECK(warm(picture.at<cv::Vec3b>(24, 20)));
+    CHECK(cold(picture.at<cv::Vec3b>(24, 45)));
+    CHECK(cv::norm(picture.at<cv::Vec3b>(2, 2), cv::Vec3b(100, 100, 100)) < 4);
+  }
+}
+
 TEST_CASE("a picture takes the place of a symbolic link, and leaves alone what that points to") {
   const test::TemporaryFolder folder;
   const Shot shot;
@@ -91,7 +107,7 @@ TEST_CASE("a picture takes the place of a symbolic link, and leaves alone what t
 TEST_CASE("a picture that cannot be written is an error that names it") {
   const test::TemporaryFolder folder;
   const Shot shot;
-  for (const char* name : {"no/such/folder.png", "picture.nothing", "picture"}) {
+  for (const char* name : {"no/such/folder.png", "picture.nothing", "picture.bmp", "picture"}) {
     const auto written = write_overlay(folder.path() / name, shot.pair, shot.camera, RigidTransform::Identity());
     REQUIRE_FALSE(written);
     CHECK(written.error().code == "write_failed");
