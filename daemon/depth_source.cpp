@@ -10,7 +10,7 @@ namespace {
 
 using std::chrono::steady_clock;
 
-constexpr std::chrono::milliseconds poll_interval{200};
+constexpr std::chrono::milliseconds poll_interval{20};  // what an end waits for at most
 /// An estimator that has not returned this long after it was cancelled hangs.
 constexpr std::chrono::seconds cancel_grace{10};
 

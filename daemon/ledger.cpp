@@ -11,10 +11,15 @@ namespace {
 
 constexpr std::string_view state_purpose = "calibd pair state";
 
+/// The line in front of a state in the store.
+std::string mac_of(std::string_view text) { return std::string(text.substr(0, text.find('\n'))); }
+
 }  // namespace
 
-Ledger::Ledger(Store store, std::filesystem::path head_dir, SigningKey key, Provenance provenance)
+Ledger::Ledger(Store store, std::filesystem::path state_dir, std::filesystem::path head_dir, SigningKey key,
+               Provenance provenance)
     : store_(std::move(store)),
+      state_dir_(std::move(state_dir)),
       head_dir_(std::move(head_dir)),
       key_(std::move(key)),
       provenance_(std::move(provenance)) {}
@@ -23,7 +28,7 @@ Result<Ledger> Ledger::open(const std::filesystem::path& state_dir, const std::f
                             SigningKey key, Provenance provenance) {
   auto store = Store::open(state_dir / "calibd.db", Store::Mode::read_write);
   if (!store) return propagate(store);
-  Ledger ledger(std::move(*store), head_dir, std::move(key), std::move(provenance));
+  Ledger ledger(std::move(*store), state_dir, head_dir, std::move(key), std::move(provenance));
   auto history = verified_history(ledger.store_, ledger.key_.public_key());
   if (!history) return propagate(history);
   for (CalibrationRecord& record : *history) {
@@ -42,6 +47,11 @@ Result<Ledger> Ledger::open(const std::filesystem::path& state_dir, const std::f
     ledger.last_sha256_ = std::move(*sha256);
   }
   if (auto compared = ledger.compare_with_head(); !compared) return propagate(compared);
+  auto evidence = read_evidence(state_dir, ledger.key_);
+  if (evidence)
+    ledger.evidence_ = std::move(*evidence);
+  else
+    ledger.evidence_failure_ = std::move(evidence.error());
   return ledger;
 }
 
@@ -171,6 +181,24 @@ Result<Ledger::Written> Ledger::write(std::string_view pair, const PairState& st
   return written;
 }
 
+Result<void> Ledger::is_writable() {
+  return store_.in_transaction([] { return Result<void>{}; });
+}
+
+Result<void> Ledger::write_evidence(const std::map<std::string_view, const PairState*>& states) {
+  // In a folder that was moved away, nobody would find it.
+  if (auto writable = is_writable(); !writable) return writable;
+  Evidence evidence{.number = evidence_.number + 1};
+  for (const auto& [pair, state] : states) {
+    const auto stored = store_.state(pair);
+    if (!stored) return propagate(stored);
+    if (*stored) evidence.pairs[std::string(pair)] = {mac_of(**stored), to_text(*state)};
+  }
+  auto written = calib::write_evidence(state_dir_, evidence, key_);
+  if (written) evidence_.number = evidence.number;
+  return written;
+}
+
 Result<std::optional<PairState>> Ledger::state(std::string_view pair) const {
   const auto stored = store_.state(pair);
   if (!stored) return propagate(stored);
@@ -196,7 +224,9 @@ Result<std::optional<PairState>> Ledger::state(std::string_view pair) const {
   const auto sha256 = sequence == 0 ? Result<std::string>(no_previous_sha256) : sha256_of(sequence);
   if (!sha256) return propagate(sha256);
   if (*sha256 != head[2]) return refuse("is of another chain of records");
-  auto state = parse_pair_state(body);
+  const auto since = evidence_.pairs.find(pair);
+  const bool is_newest = since == evidence_.pairs.end() || since->second.follows != mac_of(text);
+  auto state = parse_pair_state(is_newest ? body : since->second.state);
   if (!state) return propagate(state);
   return std::optional<PairState>(std::move(*state));
 }

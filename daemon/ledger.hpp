@@ -10,6 +10,7 @@
 #include "chain_head.hpp"
 #include "clock.hpp"
 #include "drift_alert.hpp"
+#include "evidence_file.hpp"
 #include "pair_history.hpp"
 #include "pair_state.hpp"
 
@@ -25,7 +26,9 @@ struct Provenance {
 };
 
 /// The signed history of decisions, and what else must survive a restart. What belongs to one decision (record, state
-/// and alert) is written in one transaction: after a crash either all of it is there or nothing.
+/// and alert) is written in one transaction: after a crash either all of it is there or nothing. Evidence that has
+/// decided nothing is written beside the store, for all pairs at once: it follows the state of the pair's last
+/// decision, and counts as long as that is the one in the store.
 class Ledger {
  public:
   /// Opens `state_dir`/calibd.db and verifies every record in it. Fails when a record does not verify, and leaves the
@@ -54,6 +57,12 @@ class Ledger {
   /// Writes the entry and the pair's state in one transaction.
   [[nodiscard]] Result<Written> write(std::string_view pair, const PairState& state, Entry entry, const Moment& now);
 
+  /// Writes the states of pairs that have new evidence since their last `write`: all of them, also those that were
+  /// written by the call before. Durable when it returns.
+  [[nodiscard]] Result<void> write_evidence(const std::map<std::string_view, const PairState*>& states);
+  /// Whether `write` would find the store in its place and unlocked. Writes nothing.
+  [[nodiscard]] Result<void> is_writable();
+
   /// The state that was written last; nothing when there is none. Fails with `malformed_state` when its MAC is wrong,
   /// or when it belongs to another chain of records, or to the same chain before or after its present end.
   [[nodiscard]] Result<std::optional<PairState>> state(std::string_view pair) const;
@@ -69,11 +78,14 @@ class Ledger {
 
   /// A sentence about records that had been written and are missing from the store. The next record contains it, too.
   [[nodiscard]] const std::optional<std::string>& records_missing() const { return records_missing_; }
+  /// Why evidence of later than the last decisions could not be read; the states of those decisions count.
+  [[nodiscard]] const std::optional<Error>& evidence_failure() const { return evidence_failure_; }
   /// Why the head of the chain could not be written; each `write` tries again. The records themselves are written.
   [[nodiscard]] const std::optional<Error>& head_failure() const { return head_failure_; }
 
  private:
-  Ledger(Store store, std::filesystem::path head_dir, SigningKey key, Provenance provenance);
+  Ledger(Store store, std::filesystem::path state_dir, std::filesystem::path head_dir, SigningKey key,
+         Provenance provenance);
   void index(CalibrationRecord record);
   [[nodiscard]] Result<std::string> sha256_of(std::uint64_t sequence) const;
   [[nodiscard]] Result<void> compare_with_head();
@@ -84,13 +96,15 @@ class Ledger {
   void write_head();
 
   Store store_;
-  std::filesystem::path head_dir_;
+  std::filesystem::path state_dir_, head_dir_;
   SigningKey key_;
   Provenance provenance_;
   std::uint64_t last_sequence_ = 0;
   std::string last_sha256_{no_previous_sha256};
   ChainHead head_;  // as remembered
   std::optional<Error> head_failure_;
+  Evidence evidence_;  // as it was read; its number is that of the last write
+  std::optional<Error> evidence_failure_;
   std::optional<std::string> records_missing_;
   bool written_by_first_version_ = false;  // the last record: its calibd remembered no head
   std::map<std::string, std::uint64_t, std::less<>> last_of_pair_;

@@ -118,7 +118,8 @@ Result<std::unique_ptr<calib::Service>> make_service(calib::Config config, calib
 }
 
 /// Serves the control socket and shows the status until a signal comes, while the service does its work on a thread of
-/// its own. What is shown does not wait for that thread, nor does the end: whatever counts has been written.
+/// its own. What is shown does not wait for that thread, nor does the end for long: decisions have been written, and
+/// what is lost then is a minute of evidence at most.
 int serve(calib::Service& service, calib::ControlSocket& control, int signal_fd) {
   using namespace std::chrono_literals;
   std::atomic<bool> ended = false;

@@ -144,7 +144,7 @@ void PairPipeline::conclude_verdict(PairState& after, const Now& now) const {
                      "or confirm it with `calibctl rollback {} --to {}`",
                      *after.unresolved, settings_.pair, now.history.in_force()->sequence)});
   }
-  // The state itself is about to be written.
+  // The state itself is about to be written where this changes the verdict.
   after.set(claim(after.claimed(), grounds(after, now.not_written), {now.boot_id, now.time.since_boot}));
 }
 

@@ -99,7 +99,8 @@ struct Answer {
 };
 
 /// What shall happen, all of it or nothing: the state, the record and the alert are written in one transaction, and
-/// count once that is done. Only then anything is published, logged and answered.
+/// count once that is done. Only then anything is published, logged and answered. Where there is nothing of that, the
+/// state is evidence, which counts at once and is written within a minute.
 struct PairDecision {
   std::optional<PairState> state;  // nothing: nothing changes
   std::optional<CalibrationRecord> record;
@@ -109,6 +110,9 @@ struct PairDecision {
   Result<Answer> answer = Answer{};
   /// The evidence calls for a recalibration, now.
   bool recalibration_due = false;
+
+  /// Whether the state has new evidence (or a window without) and nothing else has changed.
+  [[nodiscard]] bool is_evidence_only() const { return !record && !alert && journal.empty(); }
 };
 
 /// `state` is the pair as it was saved, less evidence that was set aside; it counts until `decision` is written.

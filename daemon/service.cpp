@@ -29,6 +29,8 @@ Result<std::unique_ptr<Service>> Service::make(Config config, Ledger ledger, std
   const auto& log = service->surroundings_.log;
   if (const auto& missing = service->ledger_.records_missing())
     log(3, message_ids::records_missing, *missing + "; calibd goes on with the records that there are");
+  if (const auto& failure = service->ledger_.evidence_failure())
+    log(4, message_ids::evidence_set_aside, failure->context + "; calibd goes on from the last decision of each pair");
   // Alerts that were written but perhaps not sent, and extrinsics that late readers must see.
   const auto latest = service->ledger_.latest_alerts(32);
   if (!latest) return propagate(latest);
@@ -77,17 +79,11 @@ bool Service::commit(Pair& pair, PairDecision& decision) {
   auto written = ledger_.write(name, *decision.state, {std::move(decision.record), std::move(decision.alert)},
                                surroundings_.clock());
   if (!written) {
-    const bool news = !pair.store_failure || pair.store_failure->code != written.error().code;
-    pair.store_failure = std::move(written.error());
-    // What was measured meanwhile is lost: the verdict has to be confirmed anew, and the next cycle is no measure.
-    pair.state.run.pairs = 0;
-    pair.state.run.last_window.reset();
-    if (news)
-      surroundings_.log(3, message_ids::store_failed,
-                        name + ": " + pair.store_failure->context +
-                            "; nothing was changed, the pair is not evaluated, and the next window tries again");
+    cannot_write(pair, std::move(written.error()));
     return false;
   }
+  pair.has_evidence_since = false;
+  pair.unsaved_since.reset();
   if (std::exchange(pair.store_failure, std::nullopt))
     surroundings_.log(5, message_ids::store_failed, name + ": the store can be written again");
   decision.record = std::move(written->record);
@@ -96,6 +92,60 @@ bool Service::commit(Pair& pair, PairDecision& decision) {
   // As its record has it, to the last bit.
   pair.state.put_in_force(*ledger_.history(name).in_force());
   return true;
+}
+
+/// Makes evidence alone the pair's state, if it can be written later as far as that can be told without writing.
+bool Service::take_evidence(Pair& pair, PairDecision& decision) {
+  if (auto writable = ledger_.is_writable(); !writable) {
+    cannot_write(pair, std::move(writable.error()));
+    return false;
+  }
+  pair.state = std::move(*decision.state);
+  pair.has_evidence_since = true;
+  if (!pair.unsaved_since) pair.unsaved_since = surroundings_.clock().since_boot;
+  save_evidence_when_due();
+  return true;
+}
+
+/// By the clock that nobody sets; time in which the machine was suspended counts.
+void Service::save_evidence_when_due() {
+  const auto time = surroundings_.clock().since_boot;
+  if (std::ranges::any_of(pairs_, [&](const auto& pair) {
+        return pair->unsaved_since && time - *pair->unsaved_since >= longest_unsaved;
+      }))
+    save_evidence();
+}
+
+void Service::save_evidence() {
+  std::map<std::string_view, const PairState*> states;
+  bool some_waits = false;
+  for (const auto& pair : pairs_) {
+    if (pair->has_evidence_since) states.emplace(pair->config->name, &pair->state);
+    some_waits = some_waits || pair->unsaved_since;
+  }
+  if (!some_waits) return;
+  const auto written = ledger_.write_evidence(states);
+  for (const auto& pair : pairs_) {
+    if (!pair->unsaved_since) continue;
+    pair->unsaved_since.reset();
+    if (written) continue;
+    cannot_write(*pair, written.error());
+    pair->unsaved_since = surroundings_.clock().since_boot;  // the pair's next window tries, too
+  }
+  if (!written) collect_status();
+}
+
+/// What is measured from now on is lost, until something can be written again: the verdict has to be confirmed anew,
+/// and the next cycle is no measure.
+void Service::cannot_write(Pair& pair, Error error) {
+  const bool news = !pair.store_failure || pair.store_failure->code != error.code;
+  pair.store_failure = std::move(error);
+  pair.state.run.pairs = 0;
+  pair.state.run.last_window.reset();
+  if (news)
+    surroundings_.log(3, message_ids::store_failed,
+                      pair.config->name + ": " + pair.store_failure->context +
+                          "; nothing was changed, the pair is not evaluated, and the next window tries again");
 }
 
 /// What a committed decision tells the world.
@@ -108,9 +158,10 @@ void Service::publish(const Pair& pair, const PairDecision& decision) {
   for (const JournalEntry& entry : decision.journal) surroundings_.log(entry.priority, entry.message_id, entry.text);
 }
 
-/// Makes a decision happen.
+/// Makes a decision happen. After a failure each window writes, to see whether that works again.
 void Service::apply(Pair& pair, PairDecision decision) {
-  if (decision.state && commit(pair, decision)) {
+  const bool may_wait = decision.is_evidence_only() && !pair.store_failure && !ledger_.head_failure();
+  if (decision.state && (may_wait ? take_evidence(pair, decision) : commit(pair, decision))) {
     publish(pair, decision);
     const bool extrinsic_changed = decision.record && decision.record->decision != Decision::baseline &&
                                    decision.record->decision != Decision::rejected;
@@ -198,10 +249,12 @@ Result<void> Service::run(const std::function<void()>& alive) {
                          [&] { return stopping_ || !requests_.empty(); });
       }
       answer_requests();
+      save_evidence_when_due();
       alive_();
     }
   }
   answer_requests();  // that calibd ends
+  save_evidence();
   return {};
 }
 
@@ -217,10 +270,11 @@ bool Service::stopping() const {
   return stopping_;
 }
 
-/// In the middle of a long step: feeds the watchdog, and says whether to go on.
+/// In the middle of a long step: writes what must not wait for its end, feeds the watchdog, and says whether to go on.
 bool Service::keep_going() {
   if (const auto time = surroundings_.clock().since_boot; time >= last_alive_ + 200ms) {
     last_alive_ = time;
+    save_evidence_when_due();
     alive_();
   }
   return !stopping();

@@ -41,8 +41,10 @@ struct PendingRequest {
 
 /// Samples each pair, has the pipeline measure and decide, and makes what it decides happen, in one order: the ledger's
 /// transaction, then the bus and the journal, then the reply. What was decided counts only once the transaction has
-/// committed. One thread runs it and owns pairs, ledger and depth sources; another shows its last status, by its own
-/// clock: when the first one hangs, what is shown grows stale by itself.
+/// committed. Evidence that decides nothing counts at once and is written once a minute and at the end: a crash or a
+/// power cut costs a minute of it at most, and no decision. While something cannot be written nothing is added. One
+/// thread runs it and owns pairs, ledger and depth sources; another shows its last status, by its own clock: when the
+/// first one hangs, what is shown grows stale by itself.
 class Service {
  public:
   /// Restores each pair from the ledger. Writes an `initial` record for each whose configured extrinsic is new.
@@ -67,7 +69,11 @@ class Service {
   [[nodiscard]] Result<Answer> accept(std::size_t pair, std::string asked_by);
   /// Back to the extrinsic of record `to`; of the one before the present one when there is none.
   [[nodiscard]] Result<Answer> roll_back(std::size_t pair, std::optional<std::uint64_t> to, std::string asked_by);
-  /// The state that counts.
+  /// Writes the evidence that waits, of all pairs at once. `run` does that once a minute and at its end.
+  void save_evidence();
+  /// For how long it waits at most.
+  static constexpr std::chrono::nanoseconds longest_unsaved = std::chrono::minutes(1);
+  /// The state that counts; evidence in it may wait to be written.
   [[nodiscard]] const PairState& state(std::size_t pair) const { return pairs_[pair]->state; }
   [[nodiscard]] const PairPipeline& pipeline(std::size_t pair) const { return pairs_[pair]->pipeline; }
   [[nodiscard]] const Ledger& ledger() const { return ledger_; }
@@ -93,7 +99,10 @@ class Service {
     PairPipeline pipeline;
     std::unique_ptr<DepthSource> depth;
     PairState state = {};
-    std::optional<Error> store_failure = {};        // of the last transaction
+    std::optional<Error> store_failure = {};  // of the last attempt to write
+    bool has_evidence_since = false;          // later than the state in the store
+    /// Time since boot of the first evidence that was not written yet.
+    std::optional<std::chrono::nanoseconds> unsaved_since = {};
     std::optional<std::string> depth_failure = {};  // that was logged last
     /// Time since boot at which the last sample of each topic arrived.
     std::optional<std::chrono::nanoseconds> image = {}, right_image = {}, depth_image = {}, cloud = {}, motion = {};
@@ -105,6 +114,9 @@ class Service {
   // service.cpp
   [[nodiscard]] Result<void> restore(const PairConfig& config);
   [[nodiscard]] bool commit(Pair& pair, PairDecision& decision);
+  [[nodiscard]] bool take_evidence(Pair& pair, PairDecision& decision);
+  void save_evidence_when_due();
+  void cannot_write(Pair& pair, Error error);
   void publish(const Pair& pair, const PairDecision& decision);
   void apply(Pair& pair, PairDecision decision);
   [[nodiscard]] Result<Answer> apply_request(Pair& pair, PairDecision decision);

@@ -61,6 +61,10 @@ struct Truth {
   bool running = false;
   bool store_works = true;  // as far as this run can write to the file that the next one will read
   bool last_write_worked = true;
+  /// Since when pairs of this run came that cannot be written, on the clock that nobody turns; how long, at the last
+  /// one.
+  std::optional<std::chrono::nanoseconds> unwritten_since;
+  std::chrono::nanoseconds unwritten{};
   std::uint64_t pairs_of_run = 0;
   std::optional<std::chrono::nanoseconds> last_pair;  // of this run, on the clock that nobody turns
   std::map<std::string, std::uint64_t> pairs_with;    // by what they were measured with, ever
@@ -161,6 +165,7 @@ class Vehicle {
     REQUIRE(truth.last_pair);
     REQUIRE(steady_ - *truth.last_pair <= 2 * period + window);
     REQUIRE(truth.last_write_worked);
+    REQUIRE(truth.unwritten < Service::longest_unsaved);  // a full disk is noticed when evidence is written
     REQUIRE(truth.pairs_with.at(measured_with_at_snapshot(who)) >= baseline_pairs);
   }
   [[nodiscard]] const std::string& measured_with_at_snapshot(std::string_view who) const {
@@ -202,7 +207,10 @@ class Vehicle {
     } else {
       service_->conclude(0, Skip{{ErrorCode::sensor_silent, "the camera is silent"}});
     }
-    truth_.last_write_worked = truth_.store_works && !full_disk_;
+    truth_.last_write_worked = truth_.store_works;
+    if (!full_disk_) truth_.unwritten_since.reset();
+    if (full_disk_ && !truth_.unwritten_since) truth_.unwritten_since = steady_;
+    truth_.unwritten = truth_.unwritten_since ? steady_ - *truth_.unwritten_since : 0s;
     full.reset();
     look();
   }
@@ -223,6 +231,8 @@ class Vehicle {
     truth_.pairs_of_run = 0;
     truth_.last_pair.reset();
     truth_.store_works = truth_.last_write_worked = true;
+    truth_.unwritten_since.reset();
+    truth_.unwritten = 0s;
     const Provenance provenance{"car", std::string(64, 'c'), "1.2.3", std::string(64, 'd'), boot_id_};
     auto ledger = Ledger::open(folder_.path() / "state", folder_.path() / "head",
                                require_ok(SigningKey::load(folder_.path() / "signing.key")), provenance);

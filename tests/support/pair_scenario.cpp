@@ -200,6 +200,7 @@ void PairScenario::open() {
 }
 
 void PairScenario::save(const std::filesystem::path& folder) {
+  service_->save_evidence();
   service_.reset();
   for (const auto& file : std::filesystem::directory_iterator(folder_.path()))
     std::filesystem::copy(file.path(), folder);
@@ -208,6 +209,7 @@ void PairScenario::save(const std::filesystem::path& folder) {
 
 void PairScenario::restart(const std::string& sql, const std::string& evidence_text) {
   if (!evidence_text.empty()) config_.pairs[0].evidence_text = evidence_text;
+  service_->save_evidence();  // as `run` does at its end
   service_.reset();
   if (!sql.empty()) {
     sqlite3* database = nullptr;
@@ -216,6 +218,11 @@ void PairScenario::restart(const std::string& sql, const std::string& evidence_t
     sqlite3_close(database);
     if (done != SQLITE_OK) throw std::runtime_error("SQLite refuses: " + sql);
   }
+  open();
+}
+
+void PairScenario::crash() {
+  service_.reset();
   open();
 }
 

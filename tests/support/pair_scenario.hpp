@@ -75,9 +75,10 @@ class PairScenario {
   /// What a frame of the block shows in this world to a pair that still learns, and a window in which just that comes.
   [[nodiscard]] Measurement measure(int frame, const World& world);
   void observe(Measurement measurement);
-  /// calibd ends and starts again. `sql` is done to its store in between; with another text it measures with something
-  /// else from then on.
+  /// calibd ends and starts again; or it is killed, and starts again. `sql` is done to its store in between; with
+  /// another text it measures with something else from then on.
   void restart(const std::string& sql = "", const std::string& evidence_text = "");
+  void crash();
   /// What is asked for at the control socket.
   Result<Answer> accept() { return service_->accept(0, "uid:7"); }
   Result<Answer> roll_back(std::optional<std::uint64_t> to = {}) { return service_->roll_back(0, to, "uid:7"); }
@@ -98,6 +99,7 @@ class PairScenario {
   /// To the next window, of this world.
   void pass_time(const World& world = {});
   [[nodiscard]] Service& service() { return *service_; }
+  [[nodiscard]] const std::filesystem::path& folder() const { return folder_.path(); }
   [[nodiscard]] const PairState& state() const { return service_->state(0); }
   [[nodiscard]] PairStatus status() const { return service_->status().pairs.at(0); }
   [[nodiscard]] Verdict verdict() const { return state().verdict; }

@@ -1,0 +1,105 @@
+#include "evidence_file.hpp"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <nlohmann/json.hpp>
+
+#include "calib/file.hpp"
+#include "calib/json_integer.hpp"
+
+namespace calib {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::string_view purpose = "calibd evidence";
+constexpr std::uint64_t largest_file = 16 * 1024 * 1024;
+/// Of a page of memory and a block of the disk. A longer write may make the kernel count, and write, more than was
+/// changed.
+constexpr std::size_t block_bytes = 4096;
+
+// MAC and length of the body on a line, the body, and what is left of longer ones that were written before.
+
+std::filesystem::path file_of(const std::filesystem::path& folder, std::uint64_t number) {
+  return folder / (number % 2 == 0 ? "evidence-0" : "evidence-1");
+}
+
+Result<Evidence> parse(const std::string& bytes, const std::filesystem::path& file, const SigningKey& key) {
+  const auto refuse = [&](const char* why) { return fail(ErrorCode::malformed_state, file.string() + why); };
+  const auto space = bytes.find(' '), end = bytes.find('\n');
+  if (space == std::string::npos || end == std::string::npos || space > end)
+    return refuse(" is not what calibd writes there");
+  const auto length = std::strtoull(bytes.c_str() + space, nullptr, 10);
+  const std::string_view body = std::string_view(bytes).substr(end + 1, length);
+  if (!key.is_mac(purpose, body, std::string_view(bytes).substr(0, space)))
+    return refuse(" was not written by calibd with this signing key, or not completely");
+  try {
+    const json object = json::from_cbor(body.begin(), body.end());
+    Evidence evidence{.number = integer_from<std::uint64_t>(object.at("number"))};
+    for (const auto& [pair, since] : object.at("pairs").get_ref<const json::object_t&>())
+      evidence.pairs[pair] = {since.at("follows").get<std::string>(), since.at("state").dump()};
+    return evidence;
+  } catch (const std::exception&) {
+    return refuse(" is not what calibd writes there");
+  }
+}
+
+bool write_in_place(int fd, std::string_view bytes) {
+  for (std::size_t begin = 0; begin < bytes.size(); begin += block_bytes) {
+    const std::string_view block = bytes.substr(begin, block_bytes);
+    if (::pwrite(fd, block.data(), block.size(), static_cast<off_t>(begin)) != static_cast<ssize_t>(block.size()))
+      return false;
+  }
+  return ::fdatasync(fd) == 0;
+}
+
+bool sync_folder(const std::filesystem::path& folder) {
+  const int fd = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  const bool synced = fd >= 0 && ::fsync(fd) == 0;
+  if (fd >= 0) ::close(fd);
+  return synced;
+}
+
+}  // namespace
+
+Result<Evidence> read_evidence(const std::filesystem::path& folder, const SigningKey& key) {
+  std::optional<Evidence> latest;
+  std::optional<Error> failure;
+  for (const std::uint64_t number : {0, 1}) {
+    const auto file = file_of(folder, number);
+    const auto bytes = read_regular_file(file, largest_file);
+    if (!bytes && bytes.error().code == ErrorCode::file_not_found) continue;
+    auto read = bytes ? parse(*bytes, file, key) : fail(ErrorCode::malformed_state, bytes.error().context);
+    if (!read)
+      failure = std::move(read.error());
+    else if (!latest || read->number > latest->number)
+      latest = std::move(*read);
+  }
+  if (latest) return std::move(*latest);
+  if (failure) return tl::unexpected(std::move(*failure));
+  return Evidence{};
+}
+
+Result<void> write_evidence(const std::filesystem::path& folder, const Evidence& evidence, const SigningKey& key) {
+  json pairs = json::object();
+  for (const auto& [pair, since] : evidence.pairs)
+    pairs[pair] = {{"follows", since.follows}, {"state", json::parse(since.state)}};
+  std::string body;
+  json::to_cbor({{"number", evidence.number}, {"pairs", std::move(pairs)}}, body);
+  const std::string bytes = key.mac(purpose, body) + ' ' + std::to_string(body.size()) + '\n' + body;
+
+  const auto file = file_of(folder, evidence.number);
+  const int fd = ::open(file.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
+  const bool is_new = fd >= 0 && ::lseek(fd, 0, SEEK_END) == 0;
+  const bool written = fd >= 0 && write_in_place(fd, bytes) && (!is_new || sync_folder(folder));
+  const int error = errno;
+  if (fd >= 0) ::close(fd);
+  if (written) return {};
+  return fail(ErrorCode::store_failed, file.string() + " cannot be written: " + std::strerror(error));
+}
+
+}  // namespace calib
