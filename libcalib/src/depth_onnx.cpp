@@ -146,6 +146,7 @@ bool has_onnx() { return true; }
 
 Result<std::unique_ptr<DepthEstimator>> make_onnx_depth(const std::filesystem::path& descriptor, const Camera& camera,
                                                         const OnnxSettings& settings) {
+  if (const auto loaded = load_onnx_runtime(); !loaded) return propagate(loaded);
   auto model = load_depth_model(descriptor);
   if (!model) return propagate(model);
   // An image that is much longer than high, covering a nominal size.

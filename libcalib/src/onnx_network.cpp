@@ -1,5 +1,7 @@
 #include "onnx_network.hpp"
 
+#include <dlfcn.h>
+
 #include <algorithm>
 #include <array>
 #include <cctype>
@@ -78,7 +80,32 @@ std::optional<std::pair<std::int64_t, std::int64_t>> map_size(const std::vector<
 
 constexpr std::string_view map_shapes = "1 x height x width, 1 x 1 x height x width or 1 x height x width x 1";
 
+const OrtApiBase* onnx_runtime = nullptr;
+
+Result<void> open_onnx_runtime() {
+  constexpr const char* name = "libonnxruntime.so.1";
+  const auto refuse = [&](const std::string& why) {
+    return fail(ErrorCode::bad_config, std::string(name) + " cannot be used: " + why + "; install ONNX Runtime 1." +
+                                           std::to_string(ORT_API_VERSION) +
+                                           " or newer, or use another depth source than onnx");
+  };
+  void* library = dlopen(name, RTLD_NOW | RTLD_LOCAL);
+  if (library == nullptr) return refuse(dlerror());
+  const auto entry = reinterpret_cast<decltype(&OrtGetApiBase)>(dlsym(library, "OrtGetApiBase"));
+  if (entry == nullptr) return refuse("it has no OrtGetApiBase");
+  onnx_runtime = entry();
+  const OrtApi* api = onnx_runtime->GetApi(ORT_API_VERSION);
+  if (api == nullptr) return refuse(std::string("it is ") + onnx_runtime->GetVersionString());
+  Ort::InitApi(api);
+  return {};
+}
+
 }  // namespace
+
+Result<void> load_onnx_runtime() {
+  static const Result<void> loaded = open_onnx_runtime();
+  return loaded;
+}
 
 OnnxNetwork::OnnxNetwork(const DepthModel& model, const OnnxSettings& settings)
     : model_(model), settings_(settings), env_(ORT_LOGGING_LEVEL_FATAL, "calib", say_nothing, nullptr) {}
@@ -126,7 +153,7 @@ Result<void> OnnxNetwork::load() {
     return checked;
   } catch (const Ort::Exception& exception) {
     session_.reset();
-    return refuse(std::string("ONNX Runtime ") + OrtGetApiBase()->GetVersionString() + " cannot load it: " +
+    return refuse(std::string("ONNX Runtime ") + onnx_runtime->GetVersionString() + " cannot load it: " +
                   first_line(exception) + "; export the network again with operators that this version has");
   }
 }

@@ -38,6 +38,7 @@ const std::string location = bytes(1, "location") + bytes(2, "another_file");
 
 /// What ONNX Runtime says of a model; nothing when it loads it.
 std::string loaded(const std::string& model) {
+  Ort::InitApi();
   static const Ort::Env env(ORT_LOGGING_LEVEL_FATAL, "test");
   try {
     const Ort::Session session(env, model.data(), model.size(), Ort::SessionOptions());
