@@ -84,8 +84,9 @@ class Service {
   [[nodiscard]] Status status() const;
   /// The records from number `from` on, as many as fit into a reply.
   [[nodiscard]] Result<RecordsPage> records(std::uint64_t from) const;
-  /// From the thread that shows things, whenever the status has changed and once a second: writes the snapshot when what
-  /// it shows has changed, sends the diagnostics once a second, and returns the verdicts in a line when they are others.
+  /// From the thread that shows things, whenever the status has changed and once a second: writes the snapshot when
+  /// what it shows has changed, sends the diagnostics once a second, and returns the verdicts in a line when they are
+  /// others.
   [[nodiscard]] std::optional<std::string> show();
 
  private:
