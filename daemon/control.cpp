@@ -70,6 +70,11 @@ Result<nlohmann::json> parse_request(std::string_view line) {
   return request;
 }
 
+void ControlSocket::Replies::wake() const {
+  const std::uint64_t one = 1;
+  [[maybe_unused]] const ssize_t written = write(wake_fd, &one, sizeof one);
+}
+
 ControlSocket::Replies::~Replies() {
   if (wake_fd >= 0) close(wake_fd);
 }
@@ -158,8 +163,7 @@ bool ControlSocket::read_request(std::uint64_t id, Connection& connection,
   const auto reply = [replies = replies_, id](const nlohmann::json& object) {
     const std::lock_guard lock(replies->mutex);
     replies->lines[id] = object.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + '\n';
-    const std::uint64_t one = 1;
-    [[maybe_unused]] const ssize_t written = write(replies->wake_fd, &one, sizeof one);
+    replies->wake();
   };
   auto request = parse_request(std::string_view(connection.received).substr(0, end));
   connection.received.clear();
@@ -184,6 +188,11 @@ void ControlSocket::collect_replies() {
   for (auto& [id, line] : replies_->lines)
     if (const auto found = connections_.find(id); found != connections_.end()) found->second.to_send = std::move(line);
   replies_->lines.clear();
+}
+
+void ControlSocket::interrupt() const {
+  replies_->interrupted = true;
+  replies_->wake();
 }
 
 bool ControlSocket::serve(std::chrono::milliseconds timeout, int other_fd,
@@ -215,7 +224,7 @@ bool ControlSocket::serve(std::chrono::milliseconds timeout, int other_fd,
       if (alive && (events & POLLIN) != 0) alive = read_request(ids[i], connection, handle);
       if (!alive) drop(ids[i]);
     }
-    if (now >= end) return false;
+    if (replies_->interrupted.exchange(false) || now >= end) return false;
   }
 }
 

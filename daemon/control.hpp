@@ -46,8 +46,11 @@ class ControlSocket {
   ControlSocket& operator=(ControlSocket&&) = delete;
   ~ControlSocket();
 
-  /// Serves until `timeout` passed or `other_fd` (-1: none) can be read, and returns whether the latter.
+  /// Serves until `timeout` passed, `interrupt` was called or `other_fd` (-1: none) can be read, and returns whether
+  /// the last.
   bool serve(std::chrono::milliseconds timeout, int other_fd, const std::function<void(ClientRequest)>& handle);
+  /// Ends a `serve` in another thread, or else the next one.
+  void interrupt() const;
 
  private:
   struct Connection {
@@ -64,6 +67,8 @@ class ControlSocket {
     std::mutex mutex;
     std::map<std::uint64_t, std::string> lines;
     int wake_fd = -1;
+    std::atomic<bool> interrupted = false;
+    void wake() const;
     ~Replies();
   };
 

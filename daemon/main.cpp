@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <chrono>
@@ -104,7 +105,8 @@ Result<calib::Provenance> provenance(const calib::Config& config) {
   return calib::Provenance{config.vehicle, config.sha256, calib::version, calib::sha256_hex(*software), boot_id};
 }
 
-Result<std::unique_ptr<calib::Service>> make_service(calib::Config config, calib::SigningKey key) {
+Result<std::unique_ptr<calib::Service>> make_service(calib::Config config, calib::SigningKey key,
+                                                     const calib::ControlSocket& control) {
   auto known = provenance(config);
   if (!known) return propagate(known);
   auto ledger = calib::Ledger::open(config.state_dir, config.head_dir, std::move(key), std::move(*known));
@@ -114,7 +116,8 @@ Result<std::unique_ptr<calib::Service>> make_service(calib::Config config, calib
   };
   auto bus = calib::Bus::open(config.dds.domain, config.dds.interface, calib::max_sample_bytes(config), log);
   if (!bus) return propagate(bus);
-  return calib::Service::make(std::move(config), std::move(*ledger), calib::make_network(std::move(*bus)));
+  return calib::Service::make(std::move(config), std::move(*ledger), calib::make_network(std::move(*bus)),
+                              {.status_changed = [&control] { control.interrupt(); }});
 }
 
 /// Serves the control socket and shows the status until a signal comes, while the service does its work on a thread of
@@ -132,6 +135,7 @@ int serve(calib::Service& service, calib::ControlSocket& control, int signal_fd)
       if (std::chrono::steady_clock::now().time_since_epoch() - shown.load() < 30s) sd_notify(0, "WATCHDOG=1");
     });
     ended = true;
+    control.interrupt();
   });
   const auto show = [&] {
     if (const auto verdicts = service.show()) sd_notifyf(0, "STATUS=%s", calib::escape_control(*verdicts).c_str());
@@ -151,7 +155,14 @@ int serve(calib::Service& service, calib::ControlSocket& control, int signal_fd)
       reply(calib::Error{ErrorCode::failed, exception.what()});
     }
   };
-  while (!ended && !control.serve(200ms, signal_fd, handle)) show();
+  // What changes is shown at once. Once a second diagnostics are due, and a verdict may have expired.
+  const auto now = [] { return std::chrono::steady_clock::now(); };
+  auto due = now() + 1s;
+  while (!ended &&
+         !control.serve(std::chrono::ceil<std::chrono::milliseconds>(std::max(due - now(), 0ns)), signal_fd, handle)) {
+    show();
+    if (now() >= due) due = std::max(due + 1s, now());
+  }
   sd_notify(0, "STOPPING=1");
   service.stop();
   const auto patience = std::chrono::steady_clock::now() + 1s;
@@ -211,7 +222,7 @@ int main(int argc, char** argv) {
   if (auto made = make_directories(*config); !made) return complain(made.error(), exit_config);
   auto control = calib::ControlSocket::open(config->runtime_dir / "control.sock");
   if (!control) return complain(control.error(), exit_failed);
-  auto service = make_service(std::move(*config), std::move(*key));
+  auto service = make_service(std::move(*config), std::move(*key), *control);
   if (!service) {
     // Records that do not verify are for a person to look at; starting again would not mend them.
     const bool records =

@@ -245,7 +245,7 @@ Result<void> Service::run(const std::function<void()>& alive) {
     while (steady_clock::now() < next && !stopping()) {
       {
         std::unique_lock lock(mutex_);
-        wake_.wait_until(lock, std::min(next, steady_clock::now() + 200ms),
+        wake_.wait_until(lock, std::min(next, steady_clock::now() + 1s),
                          [&] { return stopping_ || !requests_.empty(); });
       }
       answer_requests();

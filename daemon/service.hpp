@@ -28,6 +28,8 @@ struct Surroundings {
   std::function<void(int priority, std::string_view message_id, std::string_view text)> log = journal;
   /// In the place of the depth that the configuration asks for.
   DepthSource::Make make_depth{};
+  /// Called by the thread that runs whenever there is something new to show.
+  std::function<void()> status_changed = [] {};
 };
 
 /// A request that waits for its turn. `reply` may be called from any thread, once.
@@ -88,8 +90,9 @@ class Service {
   [[nodiscard]] Status status() const;
   /// The records from number `from` on, as many as fit into a reply.
   [[nodiscard]] Result<RecordsPage> records(std::uint64_t from) const;
-  /// From the thread that shows things, some times a second: writes the snapshot when what it shows has changed, sends
-  /// the diagnostics once a second, and returns the verdicts in a line when they are others.
+  /// From the thread that shows things, whenever the status has changed and once a second: writes the snapshot when
+  /// what it shows has changed, sends the diagnostics once a second, and returns the verdicts in a line when they are
+  /// others.
   [[nodiscard]] std::optional<std::string> show();
 
  private:

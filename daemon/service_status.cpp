@@ -43,10 +43,13 @@ void Service::collect_status() {
   for (const auto& pair : pairs_) status.pairs.push_back(status_of(*pair));
   status.feed_queued = ledger_.waiting_alert_count();
   status.records_missing = ledger_.records_missing();
-  const std::lock_guard lock(mutex_);
-  status_ = std::move(status);
-  status_collected_ = surroundings_.clock().since_boot;
-  ++collections_;
+  {
+    const std::lock_guard lock(mutex_);
+    status_ = std::move(status);
+    status_collected_ = surroundings_.clock().since_boot;
+    ++collections_;
+  }
+  surroundings_.status_changed();
 }
 
 Status Service::status() const {
@@ -114,7 +117,10 @@ std::optional<std::string> Service::show() {
 void Service::publish_diagnostics(const Status& status) {
   const Moment time = surroundings_.clock();
   if (time.since_boot < next_diagnostics_) return;
-  next_diagnostics_ = time.since_boot + std::chrono::seconds(1);
+  // One that is late does not delay those after it.
+  constexpr std::chrono::seconds period{1};
+  const bool on_time = time.since_boot < next_diagnostics_ + period;
+  next_diagnostics_ = (on_time ? next_diagnostics_ : time.since_boot) + period;
   const auto sent = network_->publish_diagnostics(status, time.wall);
   if (!sent && failures_logged_.insert(sent.error().code).second)
     surroundings_.log(4, message_ids::bus_failed, sent.error().context + "; diagnostics are tried again every second");

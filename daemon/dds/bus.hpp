@@ -48,6 +48,7 @@ class Bus {
   std::unique_ptr<LogLimit, EndLog> log_;  // outlives the entities, which log while they are deleted
   Entity domain_, participant_, interrupt_;
   Endpoint diagnostics_, proposed_, alerts_;
+  std::shared_ptr<SamplingWindow::Topics> silent_topics_ = std::make_shared<SamplingWindow::Topics>();
 };
 
 }  // namespace calib

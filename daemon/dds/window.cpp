@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "dds/compressed_probe.hpp"
+#include "dds/discovery.hpp"
 #include "dds/messages.hpp"
 #include "dds/names.hpp"
 #include "dds/no_throw.hpp"
@@ -21,6 +22,16 @@ UndecodedImage seen(const stereo_msgs_msg_dds__DisparityImage_& message) { retur
 UndecodedImage seen(const sensor_msgs_msg_dds__CompressedImage_& message) {
   const auto header = probe_compressed({message.data._buffer, message.data._length});
   return {decode_stamp(message.header).value_or(Timestamp{}), header ? header->size : ImageSize{}};
+}
+
+/// Those of `silent` whose writers are all reliable. There is no way to ask for what a best-effort writer lost.
+Result<SamplingWindow::Topics> to_read_reliably(dds_entity_t participant, SamplingWindow::Topics silent) {
+  if (silent.empty()) return silent;
+  const auto writers = remote_writers(participant);
+  if (!writers) return propagate(writers);
+  for (const RemoteWriter& writer : *writers)
+    if (!writer.reliable) silent.erase(writer.topic);
+  return silent;
 }
 
 }  // namespace
@@ -64,10 +75,14 @@ Result<void> SamplingWindow::add_image(dds_entity_t participant, const std::stri
              : add(participant, image_type, topic, take_next<As, sensor_msgs_msg_dds__Image_, raw>, {.image = bound});
 }
 
-Result<SamplingWindow> SamplingWindow::open(dds_entity_t participant, dds_entity_t interrupt,
-                                            const PairTopics& topics) {
+Result<SamplingWindow> SamplingWindow::open(dds_entity_t participant, dds_entity_t interrupt, const PairTopics& topics,
+                                            std::shared_ptr<Topics> silent) {
   SamplingWindow window;
   window.interrupt_ = interrupt;
+  window.silent_ = std::move(silent);
+  auto read_reliably = to_read_reliably(participant, *window.silent_);
+  if (!read_reliably) return propagate(read_reliably);
+  window.read_reliably_ = std::move(*read_reliably);
   auto waitset = own(dds_create_waitset(participant), "waitset");
   if (!waitset) return propagate(waitset);
   window.waitset_ = std::move(*waitset);
@@ -122,14 +137,19 @@ Result<void> SamplingWindow::add_all(dds_entity_t participant, const PairTopics&
 
 Result<void> SamplingWindow::add(dds_entity_t participant, const MessageType& type, const std::string& topic, Take take,
                                  Limits limits, int history) {
-  // A best-effort reader matches reliable and best-effort writers, and does not slow a writer down.
-  auto endpoint = make_reader(participant, type, topic, {.reliable = false, .durable = false, .depth = history});
+  auto endpoint = make_reader(participant, type, topic,
+                              {.reliable = read_reliably_.contains(topic), .durable = false, .depth = history});
   if (!endpoint) return propagate(endpoint);
   auto new_sample = own(dds_create_readcondition(endpoint->endpoint.get(), DDS_ANY_STATE), topic);
   if (!new_sample) return propagate(new_sample);
   if (auto attached = check(dds_waitset_attach(waitset_.get(), new_sample->get(), 0), topic); !attached)
     return attached;
-  readers_.push_back({topic, std::move(*endpoint), std::move(*new_sample), take, std::move(limits), history});
+  readers_.push_back({.topic = topic,
+                      .endpoint = std::move(*endpoint),
+                      .new_sample = std::move(*new_sample),
+                      .take = take,
+                      .limits = std::move(limits),
+                      .history = history});
   return {};
 }
 
@@ -143,14 +163,25 @@ Result<std::vector<Sample>> SamplingWindow::wait(std::chrono::nanoseconds timeou
 
   std::vector<Sample> samples;
   if (interrupted) return samples;
-  for (const Reader& reader : readers_)
+  for (Reader& reader : readers_)
     for (int i = 0; i < reader.history; ++i) {
       auto sample = reader.take(reader.endpoint.endpoint.get(), reader.topic, reader.limits);
       if (!sample) return propagate(sample);
       if (!*sample) break;
+      reader.heard = true;
       samples.push_back(std::move(**sample));
     }
+  note_silence();
   return samples;
+}
+
+/// So far: the next wait may hear of a topic after all.
+void SamplingWindow::note_silence() {
+  for (const Reader& reader : readers_)
+    if (!reader.heard && dds_get_matched_publications(reader.endpoint.endpoint.get(), nullptr, 0) > 0)
+      silent_->insert(reader.topic);
+    else
+      silent_->erase(reader.topic);
 }
 
 }  // namespace calib

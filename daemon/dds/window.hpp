@@ -1,7 +1,9 @@
 #pragma once
 
 #include <chrono>
+#include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <variant>
 #include <vector>
@@ -53,11 +55,21 @@ using Sample =
 
 /// The readers of a pair's topics. Sensors send their data to calibd only while a window exists. A window must not
 /// outlive the `Bus` that opened it. It may be opened, read and destroyed by different threads, one at a time.
+///
+/// Readers are best effort: they match all writers and never slow one down. There is one exception. Of a reliable
+/// writer, Cyclone 0.10 keeps samples of which fragments were lost, at most `DefragReliableMaxSamples`, and while it is
+/// at that limit it drops newer ones. A reliable reader would have the lost fragments sent again; with best-effort
+/// readers alone nothing ends this, and the topic stays silent for ever. So after a window in which a matched writer
+/// was not heard, the next one reads that topic reliably, if all its writers are reliable. The first heartbeat, which a
+/// reliable reader is always sent, discards the incomplete samples.
 class SamplingWindow {
  public:
-  /// `interrupt` is a guard condition of `participant`. Fails with `bad_topic` or `dds_failed`.
+  using Topics = std::set<std::string>;
+
+  /// `interrupt` is a guard condition of `participant`. `silent` are the topics of which the last window heard nothing
+  /// although it had a writer; windows that share it keep it. Fails with `bad_topic` or `dds_failed`.
   [[nodiscard]] static Result<SamplingWindow> open(dds_entity_t participant, dds_entity_t interrupt,
-                                                   const PairTopics& topics);
+                                                   const PairTopics& topics, std::shared_ptr<Topics> silent);
 
   /// Waits until a sample arrives, the bus is interrupted, or `timeout` has passed. Returns the newest sample of each
   /// topic that has a new one, and of the motion topic the newest 256; none after a timeout or an interrupt. Decodes
@@ -81,16 +93,20 @@ class SamplingWindow {
     Take take;
     Limits limits;
     int history;
+    bool heard = false;
   };
   [[nodiscard]] Result<void> add(dds_entity_t participant, const MessageType& type, const std::string& topic, Take take,
                                  Limits limits, int history = 1);
   template <typename As, Colour colour>
   [[nodiscard]] Result<void> add_image(dds_entity_t participant, const std::string& topic, const ImageBound& bound);
   [[nodiscard]] Result<void> add_all(dds_entity_t participant, const PairTopics& topics);
+  void note_silence();
 
   dds_entity_t interrupt_ = 0;
   std::vector<Reader> readers_;
   Entity waitset_;
+  std::shared_ptr<Topics> silent_;
+  Topics read_reliably_;
 };
 
 }  // namespace calib

@@ -143,3 +143,23 @@ TEST_CASE("a socket that a dead daemon left is replaced") {
   close(fd);
   CHECK(ControlSocket::open(path));
 }
+
+TEST_CASE("an interrupt ends the serving in progress, or else the next one, and no more") {
+  const test::TemporaryFolder folder;
+  auto control = test::require_ok(ControlSocket::open(folder.path() / "control.sock"));
+  const auto served = [&](std::chrono::milliseconds timeout) {
+    const auto begin = std::chrono::steady_clock::now();
+    CHECK_FALSE(control.serve(timeout, -1, [](const ClientRequest&) {}));
+    return std::chrono::steady_clock::now() - begin;
+  };
+  std::thread other([&] {
+    std::this_thread::sleep_for(100ms);
+    control.interrupt();
+  });
+  CHECK(served(20s) < 5s);
+  other.join();
+  control.interrupt();
+  control.interrupt();
+  CHECK(served(20s) < 5s);
+  CHECK(served(200ms) >= 199ms);
+}

@@ -229,9 +229,12 @@ class Peer:
         qos = Qos(reliability, Policy.History.KeepLast(1), self.XCDR1)
         return DataWriter(self._participant, Topic(self._participant, "rt" + topic, kind), qos)
 
-    def reader(self, kind, topic, latched=False):
+    def reader(self, kind, topic, latched=False, reliable=True):
+        """One that is not reliable keeps the newest sample only."""
         durability = Policy.Durability.TransientLocal if latched else Policy.Durability.Volatile
-        qos = Qos(Policy.Reliability.Reliable(duration(seconds=1)), durability, Policy.History.KeepAll, self.XCDR1)
+        reliability = Policy.Reliability.Reliable(duration(seconds=1)) if reliable else Policy.Reliability.BestEffort
+        history = Policy.History.KeepAll if reliable else Policy.History.KeepLast(1)
+        qos = Qos(reliability, durability, history, self.XCDR1)
         return DataReader(self._participant, Topic(self._participant, "rt" + topic, kind), qos)
 
 

@@ -38,7 +38,7 @@ class Vehicle:
 
     def __init__(self, peer, frames, rate_hz=6):
         self._frames, self._period = frames, 1 / rate_hz
-        self._image, self._right = peer.writer(ros.Image, LEFT), peer.writer(ros.Image, RIGHT)
+        self.left, self._right = peer.writer(ros.Image, LEFT), peer.writer(ros.Image, RIGHT)
         self._cloud = peer.writer(ros.PointCloud2, CLOUD, reliable=False)
         self.knock = (0, 0, 0)
         self._stop = threading.Event()
@@ -49,7 +49,7 @@ class Vehicle:
         while not self._stop.wait(self._period):
             left, right, points = self._frames[i % len(self._frames)]
             stamp = time.time_ns()
-            ros.write_cdr(self._image, ros.cdr("sensor_msgs/Image", image_message(stamp, left)))
+            ros.write_cdr(self.left, ros.cdr("sensor_msgs/Image", image_message(stamp, left)))
             ros.write_cdr(self._right, ros.cdr("sensor_msgs/Image", image_message(stamp, right)))
             points = scene.knocked(points, *self.knock)
             ros.write_cdr(self._cloud, ros.cdr("sensor_msgs/PointCloud2", cloud_message(stamp, points)))
