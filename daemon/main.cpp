@@ -224,12 +224,13 @@ int main(int argc, char** argv) {
   if (!control) return complain(control.error(), exit_failed);
   auto service = make_service(std::move(*config), std::move(*key), *control);
   if (!service) {
-    // Records that do not verify are for a person to look at; starting again would not mend them.
-    const bool records =
-        service.error().code == ErrorCode::bad_signature || service.error().code == ErrorCode::broken_chain ||
-        service.error().code == ErrorCode::wrong_key || service.error().code == ErrorCode::malformed_record ||
-        service.error().code == ErrorCode::other_vehicle;
-    return complain(service.error(), records ? exit_config : exit_failed);
+    // Records that do not verify are for a person to look at, as is what the configuration asks for in vain; starting
+    // again would not mend them.
+    const bool permanent =
+        service.error().code == ErrorCode::bad_config || service.error().code == ErrorCode::bad_signature ||
+        service.error().code == ErrorCode::broken_chain || service.error().code == ErrorCode::wrong_key ||
+        service.error().code == ErrorCode::malformed_record || service.error().code == ErrorCode::other_vehicle;
+    return complain(service.error(), permanent ? exit_config : exit_failed);
   }
   return serve(**service, *control, *signal_fd);
 }

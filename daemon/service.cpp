@@ -25,7 +25,8 @@ Result<std::unique_ptr<Service>> Service::make(Config config, Ledger ledger, std
                                                Surroundings surroundings) {
   std::unique_ptr<Service> service(
       new Service(std::move(config), std::move(ledger), std::move(network), std::move(surroundings)));
-  for (PairConfig& pair : service->config_.pairs) pin_files(pair.depth);
+  for (PairConfig& pair : service->config_.pairs)
+    if (auto pinned = pin_files(pair.depth); !pinned) return propagate(pinned);
   const auto& log = service->surroundings_.log;
   if (const auto& missing = service->ledger_.records_missing())
     log(3, message_ids::records_missing, *missing + "; calibd goes on with the records that there are");

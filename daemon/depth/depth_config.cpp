@@ -35,8 +35,8 @@ void add_topics(const DepthConfig& source, const Camera& camera, PairTopics& top
   std::visit([&](const auto& kind) { kind.add_topics(camera, topics); }, source);
 }
 
-void pin_files(DepthConfig& source) {
-  std::visit([](auto& kind) { kind.pin_files(); }, source);
+Result<void> pin_files(DepthConfig& source) {
+  return std::visit([](auto& kind) { return kind.pin_files(); }, source);
 }
 
 std::string pinned_text(const DepthConfig& source) {

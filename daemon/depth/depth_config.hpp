@@ -22,7 +22,7 @@ using DepthConfig = OneOf<StereoDepthConfig, OnnxDepthConfig, TopicDepthConfig>;
 /// By the key `source` of the mapping `depth`. Throws `BadConfig`.
 [[nodiscard]] DepthConfig read_depth_config(const ConfigNode& node, const CameraConfig& camera);
 void add_topics(const DepthConfig& source, const Camera& camera, PairTopics& topics);
-void pin_files(DepthConfig& source);
+[[nodiscard]] Result<void> pin_files(DepthConfig& source);
 [[nodiscard]] std::string pinned_text(const DepthConfig& source);
 [[nodiscard]] bool has_cameras(const DepthConfig& source, const Camera& camera, const StereoCameraInfo& infos);
 [[nodiscard]] Result<std::unique_ptr<DepthEstimator>> make_estimator(const DepthConfig& source, const Camera& camera,

@@ -53,8 +53,9 @@ concept DepthSourceConfig =
       { T::read(node, camera_config) } -> std::same_as<T>;
       /// Adds the topics that the source reads, with the sizes that their images may have.
       { source.add_topics(camera, topics) } -> std::same_as<void>;
-      /// Remembers a digest of each file that must not change while calibd runs.
-      { config.pin_files() } -> std::same_as<void>;
+      /// When calibd starts: remembers a digest of each file that must not change from then on, and loads the libraries
+      /// that only this source needs. Fails with `bad_config`.
+      { config.pin_files() } -> std::same_as<Result<void>>;
       /// What evidence depends on beside the text of the configuration, as lines `KEY:VALUE\n`: those digests.
       { source.pinned_text() } -> std::same_as<std::string>;
       /// Whether `infos` holds all that `make_estimator` needs.

@@ -49,7 +49,10 @@ OnnxDepthConfig OnnxDepthConfig::read(const ConfigNode& node, const CameraConfig
   return onnx;
 }
 
-void OnnxDepthConfig::pin_files() { descriptor_sha256 = sha256_of_file(model); }
+Result<void> OnnxDepthConfig::pin_files() {
+  descriptor_sha256 = sha256_of_file(model);
+  return load_onnx_runtime();
+}
 
 Result<std::unique_ptr<DepthEstimator>> OnnxDepthConfig::make_estimator(const Camera& camera,
                                                                         const StereoCameraInfo&) const {

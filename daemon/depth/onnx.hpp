@@ -19,7 +19,7 @@ struct OnnxDepthConfig {
   static const DepthSourceKind kind;
   [[nodiscard]] static OnnxDepthConfig read(const ConfigNode& node, const CameraConfig& camera);
   void add_topics(const Camera&, PairTopics&) const {}
-  void pin_files();
+  [[nodiscard]] Result<void> pin_files();
   [[nodiscard]] std::string pinned_text() const { return "model:" + descriptor_sha256 + '\n'; }
   [[nodiscard]] bool has_cameras(const Camera&, const StereoCameraInfo&) const { return true; }
   [[nodiscard]] Result<std::unique_ptr<DepthEstimator>> make_estimator(const Camera& camera,

@@ -20,7 +20,7 @@ struct StereoDepthConfig {
   static const DepthSourceKind kind;
   [[nodiscard]] static StereoDepthConfig read(const ConfigNode& node, const CameraConfig& left);
   void add_topics(const Camera& left, PairTopics& topics) const;
-  void pin_files() {}
+  [[nodiscard]] Result<void> pin_files() { return {}; }
   [[nodiscard]] std::string pinned_text() const { return {}; }
   [[nodiscard]] bool has_cameras(const Camera& left, const StereoCameraInfo& infos) const;
   [[nodiscard]] Result<std::unique_ptr<DepthEstimator>> make_estimator(const Camera& left,

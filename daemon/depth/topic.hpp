@@ -17,7 +17,7 @@ struct TopicDepthConfig {
   static const DepthSourceKind kind;
   [[nodiscard]] static TopicDepthConfig read(const ConfigNode& node, const CameraConfig& camera);
   void add_topics(const Camera& image_camera, PairTopics& topics) const;
-  void pin_files() {}
+  [[nodiscard]] Result<void> pin_files() { return {}; }
   [[nodiscard]] std::string pinned_text() const { return {}; }
   [[nodiscard]] bool has_cameras(const Camera&, const StereoCameraInfo&) const { return true; }
   [[nodiscard]] Result<std::unique_ptr<DepthEstimator>> make_estimator(const Camera& image_camera,

@@ -6,11 +6,15 @@ namespace calib {
 
 bool has_onnx() { return false; }
 
-Result<std::unique_ptr<DepthEstimator>> make_onnx_depth(const std::filesystem::path& descriptor, const Camera&,
+Result<void> load_onnx_runtime() {
+  return fail(ErrorCode::bad_config,
+              "this calibd was built without ONNX Runtime (CALIB_WITH_ONNX=OFF) and takes no depth from a network; use "
+              "another depth source");
+}
+
+Result<std::unique_ptr<DepthEstimator>> make_onnx_depth(const std::filesystem::path&, const Camera&,
                                                         const OnnxSettings&) {
-  return fail(ErrorCode::bad_config, descriptor.string() +
-                                         ": this calibd was built without ONNX Runtime (CALIB_WITH_ONNX=OFF) " +
-                                         "and takes no depth from a network; use another depth source");
+  return propagate(load_onnx_runtime());
 }
 
 }  // namespace calib

@@ -12,10 +12,6 @@
 
 namespace calib {
 
-/// Loads ONNX Runtime, once; before it nothing of `Ort` can be used. It is not linked, so that a calibd with another
-/// depth source needs neither its memory nor the library itself. Fails with `bad_config`.
-[[nodiscard]] Result<void> load_onnx_runtime();
-
 /// A network in ONNX Runtime: read when it is needed.
 class OnnxNetwork {
  public:

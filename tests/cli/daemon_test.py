@@ -3,6 +3,7 @@
 import json
 import os
 import pathlib
+import re
 import shutil
 import signal
 import socket
@@ -42,17 +43,20 @@ def configuration(bare, dds_domain):
     return file
 
 
+def wait_for_status(bare, running):
+    deadline = time.monotonic() + 30
+    while bare("status").exit != DONE:
+        assert running.poll() is None and time.monotonic() < deadline, f"calibd ended with {running.poll()} or is silent"
+        time.sleep(0.1)
+
+
 @pytest.fixture
 def daemon(bare, bin_dir, configuration):
     """A running calibd that answers."""
     with open(bare.folder / "log", "wb") as log:
         running = subprocess.Popen([bin_dir / "calibd", "--config", configuration], stderr=log, stdout=log)
     try:
-        deadline = time.monotonic() + 30
-        while bare("status").exit != DONE:
-            log_text = (bare.folder / "log").read_text()
-            assert running.poll() is None and time.monotonic() < deadline, log_text
-            time.sleep(0.1)
+        wait_for_status(bare, running)
         yield running
     finally:
         running.kill()
@@ -183,3 +187,28 @@ def test_check_config_reports_what_calibd_reports(bare, configuration):
     wrong = bare("check-config", configuration)
     assert wrong.exit == FAILED and "vehikel" in wrong.err and len(wrong.err.splitlines()) == 1
     assert bare("check-config", bare.folder / "no such file").exit == FAILED
+
+
+def test_onnx_runtime_is_needed_only_by_who_uses_a_network(bare, bin_dir, source_dir, configuration):
+    """Without the library, calibd runs with stereo depth, and says what a network needs."""
+    if not list(bin_dir.parent.glob("lib/*/calibd/libonnxruntime.so.1")):
+        pytest.skip("ONNX Runtime is the system's own here and cannot be taken away, or calibd is built without")
+    root = bare.folder / "root"
+    shutil.copytree(bin_dir.parent / "lib", root / "lib")
+    (root / "bin").mkdir()
+    shutil.copy(bin_dir / "calibd", root / "bin")
+    for library in root.glob("lib/*/calibd/libonnxruntime*"):
+        library.unlink()
+    calibd = [root / "bin/calibd", "--config", configuration]
+    with subprocess.Popen(calibd, stderr=subprocess.PIPE, text=True) as running:
+        wait_for_status(bare, running)
+        running.terminate()
+        assert running.wait(10) == 0, running.stderr.read()
+
+    text = configuration.read_text()
+    network = f"depth: {{source: onnx, model: {source_dir}/libcalib/models/street-small.yaml}}"
+    configuration.write_text(re.sub("depth: {source: stereo.*}", network, text))
+    refused = subprocess.run(calibd, capture_output=True, text=True, timeout=30, check=False)
+    assert refused.returncode == 78, refused.stderr
+    assert re.search(r"libonnxruntime.so.1 cannot be used: .*; install ONNX Runtime 1\.\d+ or newer, or use another depth",
+                     refused.stderr), refused.stderr

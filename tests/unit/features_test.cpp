@@ -6,7 +6,9 @@
 #include <map>
 #include <set>
 #include <tuple>
+#include <vector>
 
+#include "ranks.hpp"
 #include "support/catch.hpp"
 #include "support/simulated_drive.hpp"
 #include "vehicle/random.hpp"
@@ -212,6 +214,23 @@ TEST_CASE("features about another extrinsic are those that would have been made 
     const auto found = ranks.find({moved.x[i], moved.y[i], moved.z[i]});
     REQUIRE(found != ranks.end());
     REQUIRE(std::abs(found->second - moved.range_rank[i]) <= 6);
+  }
+}
+
+TEST_CASE("limits of classes are those of the sorted values, whatever their sign and size") {
+  vehicle::Random random(7);
+  for (const float scale : {1e-30F, 1.F, 1e30F}) {
+    std::vector<float> values;
+    for (int i = 0; i < 5000; ++i) values.push_back(i % 7 == 0 ? 0 : i % 11 == 0 ? -0.F : scale * random.gaussian());
+    std::vector<float> sorted = values;
+    std::ranges::sort(sorted);
+    const std::vector<float> limits = equal_population_limits(values);
+    REQUIRE(limits.size() == FeatureSet::ranks - 1);
+    for (std::size_t i = 0; i < limits.size(); ++i)
+      CHECK(limits[i] == sorted[(i + 1) * sorted.size() / FeatureSet::ranks]);
+    const RankClassifier rank_of(limits);
+    for (const float value : values)
+      REQUIRE(rank_of(value) == std::ranges::count_if(limits, [&](float limit) { return limit < value; }));
   }
 }
 

@@ -23,6 +23,9 @@ struct OnnxSettings {
 
 /// Whether this libcalib was built with ONNX Runtime (CALIB_WITH_ONNX).
 [[nodiscard]] bool has_onnx();
+/// Loads ONNX Runtime, once. It is not linked, so that a program which uses another depth source needs neither its
+/// memory nor the library itself. Fails with `bad_config`. `make_onnx_depth` calls it, too.
+[[nodiscard]] Result<void> load_onnx_runtime();
 
 /// Depth from an image by the network that the YAML file `descriptor` describes (depth_model.hpp), for images of
 /// `camera`. Reads and checks the descriptor alone; the network is read by `prepare`, or by the first `estimate`.
