@@ -1,6 +1,7 @@
 #include "evidence_file.hpp"
 
 #include <fcntl.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -51,8 +52,10 @@ Result<Evidence> parse(const std::string& bytes, const std::filesystem::path& fi
 bool write_in_place(int fd, std::string_view bytes) {
   for (std::size_t begin = 0; begin < bytes.size(); begin += block_bytes) {
     const std::string_view block = bytes.substr(begin, block_bytes);
-    if (::pwrite(fd, block.data(), block.size(), static_cast<off_t>(begin)) != static_cast<ssize_t>(block.size()))
-      return false;
+    const ssize_t count = ::pwrite(fd, block.data(), block.size(), static_cast<off_t>(begin));
+    if (count == static_cast<ssize_t>(block.size())) continue;
+    if (count >= 0) errno = ENOSPC;  // the rest of the block has no place
+    return false;
   }
   return ::fdatasync(fd) == 0;
 }
@@ -93,10 +96,22 @@ Result<void> write_evidence(const std::filesystem::path& folder, const Evidence&
   const std::string bytes = key.mac(purpose, body) + ' ' + std::to_string(body.size()) + '\n' + body;
 
   const auto file = file_of(folder, evidence.number);
-  const int fd = ::open(file.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
-  const bool is_new = fd >= 0 && ::lseek(fd, 0, SEEK_END) == 0;
-  const bool written = fd >= 0 && write_in_place(fd, bytes) && (!is_new || sync_folder(folder));
-  const int error = errno;
+  if (bytes.size() > largest_file)
+    return fail(ErrorCode::store_failed, file.string() + " cannot be written: it would exceed 16 MiB");
+  // Opening something else than a file must not wait.
+  const int fd = ::open(file.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0600);
+  struct stat status = {};
+  bool written = fd >= 0 && ::fstat(fd, &status) == 0;
+  int error = errno;
+  if (written && !S_ISREG(status.st_mode)) {
+    written = false;
+    error = EINVAL;
+  } else if (written) {
+    const bool too_long = static_cast<std::uint64_t>(status.st_size) > largest_file;  // nobody would read it
+    written = (!too_long || ::ftruncate(fd, 0) == 0) && write_in_place(fd, bytes) &&
+              (status.st_size != 0 || sync_folder(folder));
+    error = errno;
+  }
   if (fd >= 0) ::close(fd);
   if (written) return {};
   return fail(ErrorCode::store_failed, file.string() + " cannot be written: " + std::strerror(error));

@@ -126,11 +126,20 @@ void Service::save_evidence() {
   }
   if (!some_waits) return;
   const auto written = ledger_.write_evidence(states);
+  if (!written && !evidence_file_failed_)
+    surroundings_.log(4, message_ids::store_failed,
+                      written.error().context + "; evidence is written into the store instead, which writes more");
+  evidence_file_failed_ = !written;
   for (const auto& pair : pairs_) {
     if (!pair->unsaved_since) continue;
     pair->unsaved_since.reset();
     if (written) continue;
-    cannot_write(*pair, written.error());
+    if (auto stored = ledger_.write(pair->config->name, pair->state, {}, surroundings_.clock()); stored) {
+      pair->has_evidence_since = false;
+      continue;
+    } else {
+      cannot_write(*pair, std::move(stored.error()));
+    }
     pair->unsaved_since = surroundings_.clock().since_boot;  // the pair's next window tries, too
   }
   if (!written) collect_status();
@@ -275,7 +284,10 @@ bool Service::stopping() const {
 bool Service::keep_going() {
   if (const auto time = surroundings_.clock().since_boot; time >= last_alive_ + 200ms) {
     last_alive_ = time;
-    save_evidence_when_due();
+    if (stopping())
+      save_evidence();
+    else
+      save_evidence_when_due();
     alive_();
   }
   return !stopping();

@@ -159,6 +159,7 @@ class Service {
   std::vector<std::unique_ptr<Pair>> pairs_;
   std::function<void()> alive_ = [] {};
   std::chrono::nanoseconds started_{}, last_alive_{};  // since boot
+  bool evidence_file_failed_ = false;                  // the last time; evidence went into the store
 
   // Of the thread that shows things.
   std::chrono::nanoseconds next_diagnostics_{};

@@ -137,7 +137,7 @@ Score score(const FeatureSet& features, const RigidTransform& T_camera_lidar, co
   }
 
   const Projection projection = projection_of(features, T_camera_lidar);
-  const std::size_t total = (features.points() + objective.stride - 1) / objective.stride;
+  const std::size_t total = rows[0] == nullptr ? 0 : (features.points() + objective.stride - 1) / objective.stride;
   for (std::size_t first = 0; first < total; first += PointBlock::capacity) {
     PointBlock block{.x = &features.x[first],
                      .y = &features.y[first],

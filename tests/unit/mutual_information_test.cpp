@@ -114,6 +114,11 @@ TEST_CASE("what is out of view, behind the camera, without depth or too little i
   no_points.set_points({}, 1);
   no_points.range_rank.clear();
   CHECK(nothing(no_points, identity));
+  FeatureSet without = board(along, along);  // the features that only the published methods need
+  FeaturePlanes planes = *without.planes;
+  planes.grey_rank.clear();
+  without.planes = std::make_shared<const FeaturePlanes>(std::move(planes));
+  CHECK(at_identity(without, of_classes(4, FeaturePair::fine_intensity)) == 1);
   CHECK(mean_score({}, identity).value == 0);
   // All points in one class: nothing to be told apart.
   CHECK(at_identity(board([](int, int) { return 100; }, [](int, int) { return 100; })) <= 1.01);

@@ -105,7 +105,8 @@ struct FeatureSet {
   [[nodiscard]] std::size_t points() const { return x.size(); }
   /// In the LiDAR frame, in m.
   [[nodiscard]] Eigen::Vector3f point(std::size_t i) const { return unit_m * Eigen::Vector3f(x[i], y[i], z[i]); }
-  /// Rounds points (LiDAR frame, m) to units that suit coordinates up to `largest_m`, and keeps them.
+  /// Rounds points (LiDAR frame, m) to units that suit coordinates up to `largest_m`, which none exceeds, and keeps
+  /// them.
   void set_points(std::span<const Eigen::Vector3f> points, float largest_m);
   [[nodiscard]] std::size_t memory_bytes() const;
 
