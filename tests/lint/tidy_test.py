@@ -12,7 +12,7 @@ from compile_flags import all_flags
 READ_FROM_OUTSIDE = {
     "libcalib/src": "axis_words claim config_node depth_model file image_codec image_header json_fields model_file network_image record "
                     "sha256 signature status store wall_time",
-    "daemon": "chain_head config control ledger",
+    "daemon": "chain_head config control evidence_file ledger",
     "daemon/dds": "bus compressed_probe decode decode_depth decode_image decode_motion discovery image_bound names "
                   "window",
     "tools/calibctl": "control_client",
