@@ -9,6 +9,7 @@
 
 #include "calib/file.hpp"
 #include "calib/json_integer.hpp"
+#include "sync_folder.hpp"
 
 namespace calib {
 namespace {
@@ -34,13 +35,6 @@ bool write_durably(const std::filesystem::path& file, std::string_view bytes) {
   const bool written =
       ::write(fd, bytes.data(), bytes.size()) == static_cast<ssize_t>(bytes.size()) && ::fsync(fd) == 0;
   return ::close(fd) == 0 && written;
-}
-
-bool sync_folder(const std::filesystem::path& folder) {
-  const int fd = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  const bool synced = fd >= 0 && ::fsync(fd) == 0;
-  if (fd >= 0) ::close(fd);
-  return synced;
 }
 
 }  // namespace

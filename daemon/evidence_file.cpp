@@ -11,6 +11,7 @@
 
 #include "calib/file.hpp"
 #include "calib/json_integer.hpp"
+#include "sync_folder.hpp"
 
 namespace calib {
 namespace {
@@ -58,13 +59,6 @@ bool write_in_place(int fd, std::string_view bytes) {
     return false;
   }
   return ::fdatasync(fd) == 0;
-}
-
-bool sync_folder(const std::filesystem::path& folder) {
-  const int fd = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  const bool synced = fd >= 0 && ::fsync(fd) == 0;
-  if (fd >= 0) ::close(fd);
-  return synced;
 }
 
 }  // namespace

@@ -134,12 +134,10 @@ void Service::save_evidence() {
     if (!pair->unsaved_since) continue;
     pair->unsaved_since.reset();
     if (written) continue;
-    if (auto stored = ledger_.write(pair->config->name, pair->state, {}, surroundings_.clock()); stored) {
-      pair->has_evidence_since = false;
-      continue;
-    } else {
-      cannot_write(*pair, std::move(stored.error()));
-    }
+    auto stored = ledger_.write(pair->config->name, pair->state, {}, surroundings_.clock());
+    pair->has_evidence_since = !stored;
+    if (stored) continue;
+    cannot_write(*pair, std::move(stored.error()));
     pair->unsaved_since = surroundings_.clock().since_boot;  // the pair's next window tries, too
   }
   if (!written) collect_status();
