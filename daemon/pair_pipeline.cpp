@@ -67,7 +67,8 @@ Result<Measurement> PairPipeline::measure(const FramePair& pair, const PairState
 
   // Mutual information at the extrinsic in force and one step to either side of it along each axis.
   const Objective objective = drift_objective(settings_.monocular_depth);
-  const Stencil stencil = evaluate_stencil(*features, state.T_camera_lidar, {}, objective);
+  const auto steps = stencil_steps(settings_.monocular_depth);
+  const Stencil stencil = evaluate_stencil(*features, state.T_camera_lidar, steps, objective);
 
   Measurement measurement{.features = std::move(*features),
                           .stencil = stencil,
@@ -75,7 +76,7 @@ Result<Measurement> PairPipeline::measure(const FramePair& pair, const PairState
                           .image_stamp = pair.image.stamp};
   // How the stencil answers to a LiDAR that moves: a part of the baseline.
   if (monitor(state).wants_sensitivity())
-    measurement.sensitivity = evaluate_sensitivity(measurement.features, state.T_camera_lidar, {}, objective);
+    measurement.sensitivity = evaluate_sensitivity(measurement.features, state.T_camera_lidar, steps, objective);
   // What an extrinsic on probation has to be better than.
   if (state.probation)
     measurement.previous_score = score(measurement.features, state.T_camera_lidar_before, objective).value;

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "calib/drift.hpp"
 
@@ -28,34 +29,53 @@ double long_deviation(double sum_of_squares, double lag1_products, int count) {
 
 }  // namespace
 
-double Stencil::best_neighbour() const { return std::max(minus.maxCoeff(), plus.maxCoeff()); }
+std::span<const StencilStep> stencil_steps(bool monocular_depth) {
+  static constexpr StencilStep usual[] = {{}};
+  static constexpr StencilStep monocular[] = {
+      {.rotation_rad = 0.375 * radians_per_degree, .translation_m = 0.075},
+      {.rotation_rad = 1 * radians_per_degree, .translation_m = 0.2},
+  };
+  if (monocular_depth) return monocular;
+  return usual;
+}
 
-Stencil evaluate_stencil(const FeatureSet& frame, const RigidTransform& T_camera_lidar, const StencilStep& step,
-                         const Objective& objective) {
+double Stencil::best_neighbour() const {
+  double best = -std::numeric_limits<double>::infinity();
+  for (const Width& width : widths) best = std::max({best, width.minus.maxCoeff(), width.plus.maxCoeff()});
+  return best;
+}
+
+Stencil evaluate_stencil(const FeatureSet& frame, const RigidTransform& T_camera_lidar,
+                         std::span<const StencilStep> steps, const Objective& objective) {
   Stencil stencil;
   stencil.current = score(frame, T_camera_lidar, objective).value;
-  for (int axis = 0; axis < 6; ++axis) {
-    const Vector6 delta = Vector6::Unit(axis) * step.of_axis(axis);
-    stencil.minus[axis] = score(frame, T_camera_lidar * perturbation(-delta), objective).value;
-    stencil.plus[axis] = score(frame, T_camera_lidar * perturbation(delta), objective).value;
+  for (const StencilStep& step : steps) {
+    Stencil::Width width{step};
+    for (int axis = 0; axis < 6; ++axis) {
+      const Vector6 delta = Vector6::Unit(axis) * step.of_axis(axis);
+      width.minus[axis] = score(frame, T_camera_lidar * perturbation(-delta), objective).value;
+      width.plus[axis] = score(frame, T_camera_lidar * perturbation(delta), objective).value;
+    }
+    stencil.widths.push_back(width);
   }
   return stencil;
 }
 
-AxisEvidence axis_evidence(const Stencil& stencil, Timestamp stamp, const StencilStep& step) {
-  AxisEvidence evidence{.stamp = stamp,
-                        .score = stencil.current,
-                        .prominence = stencil.current - (stencil.minus.sum() + stencil.plus.sum()) / 12};
-  for (int axis = 0; axis < 6; ++axis)
-    evidence.slope[axis] = (stencil.plus[axis] - stencil.minus[axis]) / (2 * step.of_axis(axis));
+AxisEvidence axis_evidence(const Stencil& stencil, Timestamp stamp) {
+  AxisEvidence evidence{.stamp = stamp, .score = stencil.current};
+  const auto count = static_cast<double>(stencil.widths.size());
+  for (const auto& [step, minus, plus] : stencil.widths) {
+    for (int axis = 0; axis < 6; ++axis)
+      evidence.slope[axis] += (plus[axis] - minus[axis]) / (2 * step.of_axis(axis)) / count;
+    evidence.prominence += (stencil.current - (minus.sum() + plus.sum()) / 12) / count;
+  }
   return evidence;
 }
 
-Matrix6 evaluate_sensitivity(const FeatureSet& frame, const RigidTransform& T_camera_lidar, const StencilStep& step,
-                             const Objective& objective) {
+Matrix6 evaluate_sensitivity(const FeatureSet& frame, const RigidTransform& T_camera_lidar,
+                             std::span<const StencilStep> steps, const Objective& objective) {
   const auto slope = [&](const Vector6& moved) {
-    return axis_evidence(evaluate_stencil(frame, T_camera_lidar * perturbation(moved), step, objective), {}, step)
-        .slope;
+    return axis_evidence(evaluate_stencil(frame, T_camera_lidar * perturbation(moved), steps, objective), {}).slope;
   };
   Matrix6 sensitivity;
   for (int axis = 0; axis < 6; ++axis) {

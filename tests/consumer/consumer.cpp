@@ -28,5 +28,6 @@ int main() {
   const calib::Stencil stencil = calib::evaluate_stencil(*features, T_camera_lidar);
   std::printf("points %zu\nscore %.6f\n", features->points(), calib::score(*features, T_camera_lidar).value);
   for (int axis = 0; axis < 6; ++axis)
-    std::printf("%s %.6f %.6f\n", calib::axis_names[axis].data(), stencil.minus[axis], stencil.plus[axis]);
+    std::printf("%s %.6f %.6f\n", calib::axis_names[axis].data(), stencil.widths[0].minus[axis],
+                stencil.widths[0].plus[axis]);
 }

@@ -44,13 +44,14 @@ Measurement measurement_at(Timestamp stamp, const Vector6& off, vehicle::Random&
   Measurement evidence;
   evidence.features.stamp = stamp;
   evidence.stencil.current = 1.3 + 0.005 * random.gaussian();
+  auto& [step_of, minus, plus] = evidence.stencil.widths.emplace_back();
   evidence.sensitivity = Matrix6::Zero();
   const double height = 0.05 + 0.005 * random.gaussian();
   for (int axis = 0; axis < 6; ++axis) {
-    const double step = StencilStep{}.of_axis(axis), curvature = 0.1 / (step * step);
+    const double step = step_of.of_axis(axis), curvature = 0.1 / (step * step);
     const double top = off[axis] + 0.03 * step * random.gaussian();
-    evidence.stencil.plus[axis] = evidence.stencil.current - height + curvature * step * top;
-    evidence.stencil.minus[axis] = evidence.stencil.current - height - curvature * step * top;
+    plus[axis] = evidence.stencil.current - height + curvature * step * top;
+    minus[axis] = evidence.stencil.current - height - curvature * step * top;
     (*evidence.sensitivity)(axis, axis) = curvature * (1 + 0.05 * random.gaussian());
   }
   return evidence;

@@ -336,19 +336,28 @@ TEST_CASE("a stencil is the score at the extrinsic and at its twelve neighbours,
   test::SimulatedDrive drive(52);
   const FeatureSet frame = drive.features(0);
   const RigidTransform& T = drive.T_camera_lidar();
-  const StencilStep step{.rotation_rad = 0.02, .translation_m = 0.3};
-  const Stencil stencil = evaluate_stencil(frame, T, step);
-  const AxisEvidence evidence = axis_evidence(stencil, 5s, step);
+  const StencilStep steps[] = {{.rotation_rad = 0.02, .translation_m = 0.3},
+                               {.rotation_rad = 0.01, .translation_m = 0.1}};
+  const Stencil stencil = evaluate_stencil(frame, T, steps);
+  const AxisEvidence evidence = axis_evidence(stencil, 5s);
   CHECK(stencil.current == score(frame, T).value);
   CHECK(evidence.score == stencil.current);
   CHECK(evidence.stamp == 5s);
-  for (int axis = 0; axis < 6; ++axis) {
-    const double h = axis < 3 ? 0.02 : 0.3;
-    CHECK(stencil.plus[axis] == score(frame, T * perturbation(Vector6::Unit(axis) * h)).value);
-    CHECK(stencil.minus[axis] == score(frame, T * perturbation(Vector6::Unit(axis) * -h)).value);
-    CHECK(evidence.slope[axis] == Approx((stencil.plus[axis] - stencil.minus[axis]) / (2 * h)));
-    CHECK(stencil.best_neighbour() >= std::max(stencil.plus[axis], stencil.minus[axis]));
-  }
+  Vector6 slope = Vector6::Zero();
+  double neighbours = 0;
+  REQUIRE(stencil.widths.size() == 2);
+  for (std::size_t i = 0; i < 2; ++i)
+    for (int axis = 0; axis < 6; ++axis) {
+      const double h = axis < 3 ? steps[i].rotation_rad : steps[i].translation_m;
+      const auto& [step, minus, plus] = stencil.widths[i];
+      CHECK(plus[axis] == score(frame, T * perturbation(Vector6::Unit(axis) * h)).value);
+      CHECK(minus[axis] == score(frame, T * perturbation(Vector6::Unit(axis) * -h)).value);
+      CHECK(stencil.best_neighbour() >= std::max(plus[axis], minus[axis]));
+      slope[axis] += (plus[axis] - minus[axis]) / (2 * h) / 2;
+      neighbours += (plus[axis] + minus[axis]) / 24;
+    }
+  CHECK(evidence.slope.isApprox(slope));
+  CHECK(evidence.prominence == Approx(stencil.current - neighbours));
   const RigidTransform nowhere = T * Eigen::Translation3d(std::numeric_limits<double>::quiet_NaN(), 0, 0);
   CHECK(axis_evidence(evaluate_stencil(frame, nowhere), {}).slope.isZero());
 }

@@ -163,7 +163,7 @@ Result<Study> study_of(const RecordingOptions& recording_options, const DriftOpt
   std::vector<LadderPlan> ladders;
   for (const Plan& plan : study.plans) ladders.push_back(plan.ladder);
   Progress progress("evidence", places_of(ladders) * recording_frames.frames.size());
-  auto evidence = measure(recording_frames, ladders, drift_objective(monocular_depth(recording_options, options)),
+  auto evidence = measure(recording_frames, ladders, monocular_depth(recording_options, options),
                           recording_options.threads, [&] { progress.step(); });
   if (!evidence) return propagate(evidence);
   study.evidence = *std::move(evidence);

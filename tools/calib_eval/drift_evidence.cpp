@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "calib/quality.hpp"
+#include "calib/search.hpp"
 #include "calib_eval/parallel.hpp"
 
 namespace calib::eval {
@@ -49,9 +50,11 @@ std::size_t places_of(const std::vector<LadderPlan>& plans) {
 }
 
 Result<DriftEvidence> measure(const RecordingFrames& recording_frames, const std::vector<LadderPlan>& plans,
-                              const Objective& objective, int threads, const std::function<void()>& done) {
+                              bool monocular_depth, int threads, const std::function<void()>& done) {
   const auto features = recording_frames.features({.min_points = QualityLimits{}.min_points}, threads);
   if (!features) return propagate(features);
+  const Objective objective = drift_objective(monocular_depth);
+  const auto steps = stencil_steps(monocular_depth);
   DriftEvidence evidence;
   evidence.still.resize(features->size());
   struct Place {
@@ -70,8 +73,8 @@ Result<DriftEvidence> measure(const RecordingFrames& recording_frames, const std
     const FeatureSet& frame = (*features)[i % features->size()];
     const RigidTransform in_force = recording_frames.T_camera_lidar * perturbation(place.moved).inverse();
     AxisEvidence& found = (*place.found)[i % features->size()];
-    found = axis_evidence(evaluate_stencil(frame, in_force, {}, objective), {});
-    found.sensitivity = evaluate_sensitivity(frame, in_force, {}, objective);
+    found = axis_evidence(evaluate_stencil(frame, in_force, steps, objective), {});
+    found.sensitivity = evaluate_sensitivity(frame, in_force, steps, objective);
     done();
   });
   for (Ladder& ladder : evidence.ladders) ladder.rungs[0] = evidence.still;

@@ -40,11 +40,12 @@ struct DriftEvidence {
 inline constexpr std::size_t fewest_drift_frames = 8;
 
 /// Evaluates each frame of the recording as a monitor does for which the recording's extrinsic is in force: a LiDAR
-/// that has moved by d is one whose extrinsic in force lies d behind it. `done` is called from any thread after each of
-/// `places_of(plans)` places and each frame. The same at any number of threads. Fails as `make_features` does.
+/// that has moved by d is one whose extrinsic in force lies d behind it. `monocular_depth` as of `drift_objective`.
+/// `done` is called from any thread after each of `places_of(plans)` places and each frame. The same at any number of
+/// threads. Fails as `make_features` does.
 [[nodiscard]] Result<DriftEvidence> measure(const RecordingFrames& recording_frames,
-                                            const std::vector<LadderPlan>& plans, const Objective& objective,
-                                            int threads, const std::function<void()>& done);
+                                            const std::vector<LadderPlan>& plans, bool monocular_depth, int threads,
+                                            const std::function<void()>& done);
 [[nodiscard]] std::size_t places_of(const std::vector<LadderPlan>& plans);
 
 }  // namespace calib::eval

@@ -3,49 +3,62 @@
 #include <array>
 #include <deque>
 #include <optional>
+#include <span>
 #include <string>
+#include <vector>
 
 #include "calib/cusum.hpp"
 #include "calib/mutual_information.hpp"
 
 namespace calib {
 
-/// Half width of the stencil: narrow enough to resolve a quarter of a degree, wide enough that a maximum some degrees
-/// away still gives a slope.
+/// Half width of a stencil. The usual one is narrow enough to resolve a quarter of a degree, and wide enough that a
+/// maximum some degrees away still gives a slope.
 struct StencilStep {
   double rotation_rad = 0.75 * radians_per_degree;
   double translation_m = 0.15;
   [[nodiscard]] double of_axis(int axis) const { return axis < 3 ? rotation_rad : translation_m; }
 };
 
-/// The objective at an extrinsic and at one step to either side along each axis (13 points), for one frame: is the
-/// current extrinsic the best of its neighbours (Levinson and Thrun 2013)?
+/// The widths of the stencil for a depth source. With stereo, one. With monocular depth the objective has a sharp
+/// maximum, which intensity makes, on a broad one: a narrow width resolves a quarter of a degree twice as well as the
+/// usual one, and a wide width still finds the side on which the maximum lies when it is a degree away.
+[[nodiscard]] std::span<const StencilStep> stencil_steps(bool monocular_depth);
+
+/// The objective at an extrinsic and at one step to either side along each axis (12 points a width), for one frame: is
+/// the current extrinsic the best of its neighbours (Levinson and Thrun 2013)?
 struct Stencil {
+  struct Width {
+    StencilStep step;
+    Vector6 minus = Vector6::Zero(), plus = Vector6::Zero();
+  };
   double current = 0;
-  Vector6 minus = Vector6::Zero(), plus = Vector6::Zero();
+  std::vector<Width> widths;
 
   [[nodiscard]] double best_neighbour() const;
 };
 [[nodiscard]] Stencil evaluate_stencil(const FeatureSet& frame, const RigidTransform& T_camera_lidar,
-                                       const StencilStep& step = {}, const Objective& objective = depth_objective);
+                                       std::span<const StencilStep> steps = stencil_steps(false),
+                                       const Objective& objective = depth_objective);
 
 /// The evidence of one frame's stencil about each axis, LiDAR frame.
 struct AxisEvidence {
   Timestamp stamp{};
-  /// First central difference of the score, per rad and m. Positive: the optimum lies at a positive perturbation, to
-  /// which the LiDAR has moved.
+  /// First central difference of the score, per rad and m, mean over the widths. Positive: the optimum lies at a
+  /// positive perturbation, to which the LiDAR has moved.
   Vector6 slope = Vector6::Zero();
   double score = 0;
-  /// By how much the score exceeds the mean of its twelve neighbours. Where there is no maximum nearby the slopes
+  /// By how much the score exceeds the mean of its neighbours. Where there is no maximum nearby the slopes
   /// vanish and so does the prominence, which shows the loss.
   double prominence = 0;
   /// Change of the slopes (rows) when the LiDAR moves along each axis (columns), per rad and m. It takes a dozen
   /// stencils, so it is measured only for pairs from which a baseline is learned.
   std::optional<Matrix6> sensitivity{};
 };
-[[nodiscard]] AxisEvidence axis_evidence(const Stencil& stencil, Timestamp stamp, const StencilStep& step = {});
+[[nodiscard]] AxisEvidence axis_evidence(const Stencil& stencil, Timestamp stamp);
 [[nodiscard]] Matrix6 evaluate_sensitivity(const FeatureSet& frame, const RigidTransform& T_camera_lidar,
-                                           const StencilStep& step = {}, const Objective& objective = depth_objective);
+                                           std::span<const StencilStep> steps = stencil_steps(false),
+                                           const Objective& objective = depth_objective);
 
 /// The evidence that the accepted extrinsic gives in this vehicle's own scenes and with its own depth source: running
 /// moments (Welford 1962) over pairs taken while there was no evidence of drift.
