@@ -17,7 +17,7 @@ CalibrationRecord::Baseline recorded(const DriftBaseline& baseline) {
           .slope_covariance = (covariance + covariance.transpose()) / 2,  // to the last bit
           .slope_correlation = correlation,
           .sensitivity = baseline.sensitivity,
-          .sensitivity_deviation = (baseline.sensitivity_squares / others).cwiseSqrt(),
+          .sensitivity_deviation = (baseline.sensitivity_squares / std::max(1, baseline.sensitivities - 1)).cwiseSqrt(),
           .prominence = baseline.prominence,
           .prominence_deviation = std::sqrt(baseline.prominence_squares / others),
           .prominence_correlation =
@@ -28,15 +28,18 @@ CalibrationRecord::Baseline recorded(const DriftBaseline& baseline) {
 
 DriftState learned_state(const CalibrationRecord::Baseline& recorded) {
   const double others = static_cast<double>(recorded.pairs) - 1;
+  // All that the record says of the sensitivities is their deviation: of as many pairs as it takes at least.
+  const int sensitivities = std::min(static_cast<int>(recorded.pairs), DriftMonitor::enough_sensitivities);
   DriftState state;
   state.baseline = {
       .pairs = static_cast<int>(recorded.pairs),
+      .sensitivities = sensitivities,
       .slope = recorded.slope,
       .slope_products = recorded.slope_covariance * others,
       .latest_slope = recorded.slope,
       .lag1_products = recorded.slope_correlation.cwiseProduct(recorded.slope_covariance.diagonal()) * others,
       .sensitivity = recorded.sensitivity,
-      .sensitivity_squares = recorded.sensitivity_deviation.cwiseAbs2() * others,
+      .sensitivity_squares = recorded.sensitivity_deviation.cwiseAbs2() * (sensitivities - 1),
       .prominence = recorded.prominence,
       .prominence_squares = recorded.prominence_deviation * recorded.prominence_deviation * others,
       .latest_prominence = recorded.prominence,

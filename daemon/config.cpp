@@ -100,14 +100,16 @@ MotionConfig read_motion(const ConfigNode& node) {
 }
 
 DriftConfig read_drift(const ConfigNode& node) {
-  node.with_keys(
-      {"baseline_pairs", "false_alerts_per_1000_vehicle_weeks", "driving_hours_per_week", "must_notice_deg"});
+  node.with_keys({"baseline_pairs", "false_alerts_per_1000_vehicle_weeks", "driving_hours_per_week", "must_notice_deg",
+                  "notice_within", "min_scene_change"});
   DriftConfig drift;
   if (const auto rate = node.find("false_alerts_per_1000_vehicle_weeks"))
     drift.false_alerts_per_1000_vehicle_weeks = rate->number(0.001, 100'000);
   if (const auto hours = node.find("driving_hours_per_week")) drift.driving_hours_per_week = hours->number(1, 168);
   if (const auto shift = node.find("must_notice_deg"))
     drift.must_detect_rad = shift->number(0.1, 5) * radians_per_degree;
+  if (const auto time = node.find("notice_within")) drift.notice_within = time->duration(10min, 168h);
+  if (const auto change = node.find("min_scene_change")) drift.min_scene_change = change->number(0, 1);
   if (const auto pairs = node.find("baseline_pairs")) drift.baseline_pairs = pairs->integer(5, 1000);
   return drift;
 }

@@ -53,11 +53,17 @@ struct MotionConfig {
 };
 
 struct DriftConfig {
-  int baseline_pairs = 20;
+  /// Nothing: as `usual_drift_settings` has it for the depth source.
+  std::optional<int> baseline_pairs;
   /// Expected number of false alerts over all pairs of a vehicle that drives `driving_hours_per_week`.
   double false_alerts_per_1000_vehicle_weeks = 1, driving_hours_per_week = 56;
   /// A pair whose detection limit about any axis is greater is not evaluated.
   double must_detect_rad = 0.5 * radians_per_degree;
+  /// Within so much driving: small shifts show in many pairs only.
+  std::chrono::nanoseconds notice_within = std::chrono::hours(2);
+  /// Pairs whose images differ by less are of the same scene, and one piece of evidence; 0: none are. Nothing: as of
+  /// `baseline_pairs`.
+  std::optional<double> min_scene_change;
 };
 
 /// What happens to an accepted extrinsic: `apply` puts it in force, `propose` waits for `calibctl accept`.

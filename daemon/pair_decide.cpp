@@ -61,10 +61,12 @@ std::optional<std::string> failed_probation(const Probation& probation, bool ove
 
 PairDecision PairPipeline::decide(const PairState& state, Measurement measurement, const Now& now) const {
   PairState after = state;
-  if (after.probation && measurement.previous_score)
+  const bool same_scene = shows_same_scene(state, measurement);
+  if (after.probation && measurement.previous_score && !same_scene)
     after.probation->add(measurement.stencil.current - *measurement.previous_score);
   AxisEvidence evidence = axis_evidence(measurement.stencil, measurement.features.stamp);
   evidence.sensitivity = measurement.sensitivity;
+  evidence.same_scene = same_scene;
   DriftMonitor drift = monitor(after);
   if (const auto observed = drift.observe(evidence); !observed) return decide(state, Skip{observed.error()}, now);
   after.drift = drift.state();
@@ -78,7 +80,10 @@ PairDecision PairPipeline::decide(const PairState& state, Measurement measuremen
   run.windows_without_evidence = 0;
   ++run.pairs;
   run.received = {now.boot_id, measurement.received};
-  run.last_scene = std::move(measurement.scene);
+  if (!same_scene) run.scene = measurement.thumbnail;
+  run.last_image = std::move(measurement.thumbnail);
+  // One frame a scene, the latest: it may have been taken after the onset of drift.
+  if (same_scene && !run.frames.empty()) run.frames.pop_back();
   run.frames.push_back(std::make_shared<const FeatureSet>(std::move(measurement.features)));
   if (run.frames.size() > wanted_frames()) run.frames.pop_front();
   return conclude(state, std::move(after), now);
@@ -90,6 +95,11 @@ PairDecision PairPipeline::decide(const PairState& state, const Skip& skip, cons
   after.run.last_skip = Error{skip.error.code, escape_control(skip.error.context)};
   if (!counted_on_arrival(skip.error.code)) ++after.skipped[std::string(to_string(skip.error.code))];
   return conclude(state, std::move(after), now);
+}
+
+/// Whether a measurement shows the scene of the latest evidence of this run.
+bool PairPipeline::shows_same_scene(const PairState& state, const Measurement& measurement) const {
+  return state.run.scene && scene_change(*state.run.scene, measurement.thumbnail) < settings_.drift.min_scene_change;
 }
 
 /// From the evidence so far to a verdict, a baseline, the end of a probation, or a recalibration.
@@ -148,13 +158,12 @@ void PairPipeline::conclude_verdict(PairState& after, const Now& now) const {
   after.set(claim(after.claimed(), grounds(after, now.not_written), {now.boot_id, now.time.since_boot}));
 }
 
-/// The record to sign once the baseline is known, and again once nothing is added to it any more.
+/// The record to sign once the baseline is known, and again whenever it is of ten times as many pairs.
 std::optional<CalibrationRecord> PairPipeline::baseline_due(const PairState& state, const Now& now) const {
   const DriftBaseline& learned = state.drift.baseline;
   const CalibrationRecord* const last = now.history.known_baseline(settings_.evidence_sha256);
   const int known = last == nullptr ? 0 : static_cast<int>(last->baseline->pairs);
-  const int due =
-      known < settings_.drift.baseline_pairs ? settings_.drift.baseline_pairs : settings_.drift.max_baseline_pairs;
+  const int due = std::clamp(10 * known, settings_.drift.baseline_pairs, settings_.drift.max_baseline_pairs);
   if (learned.pairs < due || known >= due) return std::nullopt;
   CalibrationRecord record =
       new_record(Decision::baseline, state, "calibd",

@@ -25,10 +25,12 @@ PairSettings pair_settings(const Config& config, const PairConfig& pair, std::st
                         .evidence_sha256 = std::move(evidence_sha256)};
   settings.quality.depth_range = pair.depth_range;
   if (pair.motion) settings.quality.max_turn_rad = pair.motion->max_turn_rad;
-  settings.drift.baseline_pairs = pair.drift.baseline_pairs;
-  settings.drift.max_baseline_pairs = std::max(settings.drift.max_baseline_pairs, pair.drift.baseline_pairs);
+  settings.drift.baseline_pairs = pair.drift.baseline_pairs.value_or(settings.drift.baseline_pairs);
   settings.drift.false_alarms_per_pair = false_alarms_per_pair(config, pair.drift);
   settings.drift.must_detect_rotation_rad = pair.drift.must_detect_rad;
+  settings.drift.pairs_to_detect =
+      std::max(1.0, std::chrono::duration<double>(pair.drift.notice_within) / config.sampling.period);
+  settings.drift.min_scene_change = pair.drift.min_scene_change.value_or(settings.drift.min_scene_change);
   return settings;
 }
 
@@ -49,8 +51,8 @@ Verdict shown(DriftVerdict verdict) {
 
 Result<Measurement> PairPipeline::measure(const FramePair& pair, const PairState& state, DepthEstimator& depth) const {
   // Light, texture and motion, before anything costs time.
-  const SceneThumbnail* last_scene = state.run.last_scene ? &*state.run.last_scene : nullptr;
-  if (auto usable = check_pair(pair, settings_.camera, last_scene, settings_.quality); !usable)
+  const SceneThumbnail* last_image = state.run.last_image ? &*state.run.last_image : nullptr;
+  if (auto usable = check_pair(pair, settings_.camera, last_image, settings_.quality); !usable)
     return propagate(usable);
 
   // Depth of the image, where it can be believed.
@@ -72,7 +74,7 @@ Result<Measurement> PairPipeline::measure(const FramePair& pair, const PairState
 
   Measurement measurement{.features = std::move(*features),
                           .stencil = stencil,
-                          .scene = thumbnail(pair.image),
+                          .thumbnail = thumbnail(pair.image),
                           .image_stamp = pair.image.stamp};
   // How the stencil answers to a LiDAR that moves: a part of the baseline.
   if (monitor(state).wants_sensitivity())

@@ -47,7 +47,7 @@ struct Measurement {
   Stencil stencil;
   std::optional<Matrix6> sensitivity = {};    // while the baseline is learned
   std::optional<double> previous_score = {};  // during a probation, at the extrinsic before
-  SceneThumbnail scene = {};
+  SceneThumbnail thumbnail = {};
   Timestamp image_stamp{};
   std::chrono::nanoseconds received{};  // since boot: when the last of its samples had arrived
 };
@@ -178,6 +178,7 @@ class PairPipeline {
                                              std::string reason) const;
 
   // pair_decide.cpp
+  [[nodiscard]] bool shows_same_scene(const PairState& state, const Measurement& measurement) const;
   [[nodiscard]] PairDecision conclude(const PairState& before, PairState after, const Now& now) const;
   void conclude_verdict(PairState& after, const Now& now) const;
   [[nodiscard]] std::optional<CalibrationRecord> baseline_due(const PairState& state, const Now& now) const;

@@ -65,12 +65,14 @@ Cusum chart_from(const json& in) {
 template <typename State, typename Visit>
 void for_each_chart(State& drift, Visit visit) {
   for (auto& [positive, negative] : drift.charts)
-    for (auto* charts : {&positive, &negative}) visit(charts->rapid), visit(charts->sensitive);
-  visit(drift.loss_charts.rapid), visit(drift.loss_charts.sensitive);
+    for (auto* charts : {&positive, &negative})
+      for (auto& chart : *charts) visit(chart);
+  for (auto& chart : drift.loss_charts) visit(chart);
 }
 
 json baseline_json(const DriftBaseline& baseline) {
   return {{"pairs", baseline.pairs},
+          {"responses", baseline.sensitivities},
           {"slope", numbers(baseline.slope)},
           {"slope_products", numbers(baseline.slope_products.reshaped())},
           {"latest_slope", numbers(baseline.latest_slope)},
@@ -82,11 +84,14 @@ json baseline_json(const DriftBaseline& baseline) {
           {"latest_peak", baseline.latest_prominence},
           {"lagged_peaks", baseline.lag1_prominences},
           {"score", baseline.score},
-          {"score_squares", baseline.score_squares}};
+          {"score_squares", baseline.score_squares},
+          {"batches", baseline.batches},
+          {"batch_squares", numbers(baseline.batch_squares)}};
 }
 
 DriftBaseline baseline_from(const json& in) {
   const DriftBaseline baseline{.pairs = integer_from<int>(in.at("pairs")),
+                               .sensitivities = integer_from<int>(in.at("responses")),
                                .slope = vector6(in.at("slope")),
                                .slope_products = matrix6(in.at("slope_products")),
                                .latest_slope = vector6(in.at("latest_slope")),
@@ -98,8 +103,11 @@ DriftBaseline baseline_from(const json& in) {
                                .latest_prominence = in.at("latest_peak").get<double>(),
                                .lag1_prominences = in.at("lagged_peaks").get<double>(),
                                .score = in.at("score").get<double>(),
-                               .score_squares = in.at("score_squares").get<double>()};
-  if (baseline.pairs < 0) throw std::invalid_argument("baseline pairs");
+                               .score_squares = in.at("score_squares").get<double>(),
+                               .batches = integer_from<int>(in.at("batches")),
+                               .batch_squares = vector6(in.at("batch_squares"))};
+  if (baseline.pairs < 0 || baseline.sensitivities < 0 || baseline.batches < 0)
+    throw std::invalid_argument("baseline pairs");
   return baseline;
 }
 
@@ -108,7 +116,12 @@ json drift_json(const DriftState& drift) {
   for (const AxisEvidence& evidence : drift.recent) recent.push_back(evidence_json(evidence));
   for_each_chart(drift, [&](const Cusum& chart) { charts.push_back(chart_json(chart)); });
   return {{"recent", recent},
+          {"unlearned", drift.unlearned},
+          {"repeats", drift.repeats},
           {"baseline", baseline_json(drift.baseline)},
+          {"gathered", baseline_json(drift.gathered)},
+          {"waiting", baseline_json(drift.waiting)},
+          {"doubtful", baseline_json(drift.doubtful)},
           {"charts", charts},
           {"verdict", static_cast<int>(drift.verdict)}};
 }
@@ -116,7 +129,14 @@ json drift_json(const DriftState& drift) {
 DriftState drift_from(const json& in) {
   DriftState drift;
   for (const json& evidence : in.at("recent")) drift.recent.push_back(evidence_from(evidence));
+  drift.unlearned = integer_from<int>(in.at("unlearned"));
+  if (drift.unlearned < 0 || drift.unlearned > static_cast<int>(drift.recent.size()))
+    throw std::invalid_argument("pairs that are not learned");
+  drift.repeats = integer_from<int>(in.at("repeats"));
   drift.baseline = baseline_from(in.at("baseline"));
+  drift.gathered = baseline_from(in.at("gathered"));
+  drift.waiting = baseline_from(in.at("waiting"));
+  drift.doubtful = baseline_from(in.at("doubtful"));
   std::size_t next = 0;
   for_each_chart(drift, [&](Cusum& chart) { chart = chart_from(in.at("charts").at(next++)); });
   drift.verdict = drift_verdict(integer_from<int>(in.at("verdict")));
@@ -169,7 +189,7 @@ bool Probation::exceeds(double sigmas) const {
 }
 
 std::string to_text(const PairState& state) {
-  return json{{"schema", 4},
+  return json{{"schema", 5},
               {"drift", drift_json(state.drift)},
               {"evidence_sha256", state.evidence_sha256},
               {"unresolved", optional(state.unresolved, [](const std::string& why) { return json(why); })},
@@ -193,7 +213,7 @@ std::string to_text(const PairState& state) {
 Result<PairState> parse_pair_state(std::string_view text) {
   try {
     const json in = json::parse(text);
-    if (in.at("schema") != 4) return fail(ErrorCode::malformed_state, "the saved state is of another version");
+    if (in.at("schema") != 5) return fail(ErrorCode::malformed_state, "the saved state is of another version");
     PairState state;
     state.drift = drift_from(in.at("drift"));
     state.evidence_sha256 = in.at("evidence_sha256").get<std::string>();

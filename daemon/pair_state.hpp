@@ -36,7 +36,9 @@ struct PairRun {
   BootTime received;
   /// Features of the latest pairs, oldest first: what a recalibration is computed from.
   std::deque<std::shared_ptr<const FeatureSet>> frames;
-  std::optional<SceneThumbnail> last_scene;
+  std::optional<SceneThumbnail> last_image;
+  /// Of the pair that was evidence last but for those of its own scene.
+  std::optional<SceneThumbnail> scene;
   /// Windows in turn without evidence, and why the last of them had none.
   int windows_without_evidence = 0;
   std::optional<Error> last_skip;

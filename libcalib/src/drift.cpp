@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "calib/axis_words.hpp"
 
@@ -19,17 +20,28 @@ constexpr std::size_t median_pairs = 3;
 /// Pairs needed to call an extrinsic wrong from the start, and the significance that this takes.
 constexpr int least_start_pairs = 6;
 constexpr double start_sigmas = 4;
-/// A median is clipped to this many standard deviations.
+/// No value counts for more than this many standard deviations.
 constexpr double max_deviation = 4;
 /// Shares of the limit from which a run of evidence counts, and from which there is a suspicion.
 constexpr double evidence_share = 0.25, suspect_share = 0.8;
 /// Reference values in standard deviations of one pair: a shift of twice as much is found quickest.
-constexpr PerChart<double> own_references{.rapid = 1.5, .sensitive = 0.6};
-/// 6 axes, 2 directions and the loss of the maximum, 2 charts each.
-constexpr int chart_count = 26;
-/// Pairs within which a shift of the size of the detection limit is detected.
-constexpr double detection_pairs = 50;
-/// Hysteresis: the share of `must_detect_rotation_rad` and of these pairs below which `insufficient_power` ends.
+constexpr std::array<double, most_charts> own_references{1.5, 0.6, 0.3, 0.15, 0.075};
+/// Always in use; further ones where they find anything in time. What these sum is long enough for roads to differ.
+constexpr std::size_t quick_charts = 2;
+/// The share of false alarms that the further ones may raise. It hardly changes their delay, and would that of the
+/// others.
+constexpr double slow_share = 0.2;
+/// Sequences: 6 axes, 2 directions and the loss of the maximum.
+constexpr int sequences = 13;
+/// A scene that lasts for so many pairs counts once more, so that a road that always looks the same is watched.
+constexpr int longest_repeats = 30;
+/// Batches of the baseline hold this share of its pairs, or of those within which a shift must be detected if these are
+/// fewer. When a quarter of the time that a detection takes has passed there is evidence, which ends the learning.
+constexpr double batch_share = 0.2;
+constexpr int smallest_batch = 5;
+/// A batch whose mean is so many standard errors from that of the baseline waits until a later one is not.
+constexpr double doubtful_sigmas = 2;
+/// Hysteresis: the share of `must_detect_rotation_rad` and of the pairs below which `insufficient_power` ends.
 constexpr double clear_share = 0.8;
 /// The reference values are raised by this many standard errors of the baseline's mean, each 1 / sqrt(pairs)
 /// deviations.
@@ -50,14 +62,27 @@ double start_misalignment(const DriftBaseline& seen, int axis, double max_bias) 
 
 DriftSettings usual_drift_settings(bool monocular_depth) {
   if (!monocular_depth) return {};
-  return {.max_bias_rotation_rad = radians_per_degree,
+  // Such depth errs alike wherever a road looks alike.
+  return {.baseline_pairs = 120,
+          .min_scene_change = 0.55,
+          .max_bias_rotation_rad = radians_per_degree,
           .max_bias_translation_m = std::numeric_limits<double>::infinity()};
 }
 
 DriftMonitor::DriftMonitor(const DriftSettings& settings, DriftState state)
     : settings_(settings), state_(std::move(state)) {
-  const double run_length = chart_count / settings_.false_alarms_per_pair;
-  limits_ = {cusum_limit(own_references.rapid, run_length), cusum_limit(own_references.sensitive, run_length)};
+  const auto limit = [&](std::size_t chart, std::size_t charts, double share_of_alarms) {
+    return cusum_limit(own_references[chart],
+                       static_cast<double>(sequences * charts) / (share_of_alarms * settings_.false_alarms_per_pair));
+  };
+  for (std::size_t chart = 0; chart < quick_charts; ++chart)
+    limits_.push_back(limit(chart, quick_charts, 1 - slow_share));
+  // A shift of twice a chart's reference value takes its limit over its reference value: some find nothing in time.
+  constexpr std::size_t most_slow = most_charts - quick_charts;
+  for (std::size_t chart = quick_charts; chart < most_charts; ++chart)
+    if (const double slow = limit(chart, most_slow, slow_share);
+        slow / own_references[chart] <= settings_.pairs_to_detect)
+      limits_.push_back(slow);
 }
 
 void DriftMonitor::restart() { state_ = {}; }
@@ -68,43 +93,62 @@ double DriftMonitor::negligible(int axis) const {
          baseline.sensitivity(axis, axis) / baseline.spread(axis);
 }
 
-PerChart<double> DriftMonitor::references() const {
-  const double of_mean = mean_sigmas / std::sqrt(state_.baseline.pairs);
-  return {own_references.rapid + of_mean, own_references.sensitive + of_mean};
+double DriftMonitor::reference(std::size_t chart) const {
+  return own_references[chart] + mean_sigmas / std::sqrt(state_.baseline.pairs);
 }
 
 /// Half-way between the prominence of the baseline and none, so that scenes of less prominence are not taken for a
 /// displacement.
-PerChart<double> DriftMonitor::loss_references() const {
-  const double half_lost = state_.baseline.prominence / state_.baseline.prominence_spread() / 2;
-  const auto [rapid, sensitive] = references();
-  return {std::max(rapid, half_lost), std::max(sensitive, half_lost)};
+double DriftMonitor::loss_reference(std::size_t chart) const {
+  return std::max(reference(chart), state_.baseline.prominence / state_.baseline.prominence_spread() / 2);
 }
 
 void DriftMonitor::accumulate() {
   if (state_.recent.size() < median_pairs) return;
   const DriftBaseline& baseline = state_.baseline;
   const auto latest = state_.recent.end() - median_pairs;
-  const auto update = [&](Charts& charts, double value, const PerChart<double>& reference) {
-    charts.rapid.update(value - reference.rapid, latest[1].stamp, limits_.rapid);
-    charts.sensitive.update(value - reference.sensitive, latest[1].stamp, limits_.sensitive);
+  // A quick chart takes medians, so that a single outlier has no effect. In the long sums of the others it has little,
+  // whereas the median of a skew distribution is not its mean.
+  const auto taken = [&](std::size_t chart, auto of) {
+    return chart < quick_charts ? median(of(latest[0]), of(latest[1]), of(latest[2])) : of(latest[2]);
+  };
+  const auto update = [&](Charts& charts, std::size_t chart, double value) {
+    charts[chart].update(value, latest[chart < quick_charts ? 1 : 2].stamp, limits_[chart]);
+    // Once a quicker chart gives an alarm the slower ones are not needed, and would still give theirs long after the
+    // shift was put right.
+    if (charts[chart].share(limits_[chart]) >= 1)
+      std::fill(charts.begin() + static_cast<std::ptrdiff_t>(chart) + 1, charts.end(), Cusum{});
   };
   for (int axis = 0; axis < 6; ++axis) {
     if (!baseline.observable(axis)) continue;
-    const double slope = median(latest[0].slope[axis], latest[1].slope[axis], latest[2].slope[axis]);
-    const double away = (slope - baseline.slope[axis]) / baseline.spread(axis);
     auto& [positive, negative] = state_.charts[static_cast<std::size_t>(axis)];
-    update(positive, std::min(away - negligible(axis), max_deviation), references());
-    update(negative, std::min(-away - negligible(axis), max_deviation), references());
+    for (std::size_t chart = limits_.size(); chart-- > 0;) {
+      const double slope = taken(chart, [&](const AxisEvidence& evidence) { return evidence.slope[axis]; });
+      const double away = (slope - baseline.slope[axis]) / baseline.spread(axis);
+      const auto shift = [&](double to_side) {
+        return std::min(to_side - negligible(axis), max_deviation) / wander(axis, chart) - reference(chart);
+      };
+      update(positive, chart, shift(away));
+      update(negative, chart, shift(-away));
+    }
   }
   if (baseline.prominence_spread() <= 0) return;
-  const double lost = (baseline.prominence - median(latest[0].prominence, latest[1].prominence, latest[2].prominence)) /
-                      baseline.prominence_spread();
-  update(state_.loss_charts, lost, loss_references());
+  for (std::size_t chart = limits_.size(); chart-- > 0;) {
+    const double prominence = taken(chart, [](const AxisEvidence& evidence) { return evidence.prominence; });
+    const double lost = (baseline.prominence - prominence) / baseline.prominence_spread();
+    update(state_.loss_charts, chart, std::min(lost - loss_reference(chart), max_deviation));
+  }
+}
+
+double DriftMonitor::wander(int axis, std::size_t chart) const {
+  return chart < quick_charts ? 1 : state_.baseline.wander(axis);
 }
 
 double DriftMonitor::share(const Charts& charts) const {
-  return std::max(charts.rapid.share(limits_.rapid), charts.sensitive.share(limits_.sensitive));
+  double most = 0;
+  for (std::size_t chart = 0; chart < limits_.size(); ++chart)
+    most = std::max(most, charts[chart].share(limits_[chart]));
+  return most;
 }
 
 double DriftMonitor::evidence(int axis) const {
@@ -137,8 +181,9 @@ bool DriftMonitor::detects_lost_maximum(double pairs) const {
   const DriftBaseline& baseline = state_.baseline;
   if (baseline.prominence_spread() <= 0) return false;
   const double lost = baseline.prominence / baseline.prominence_spread();
-  const auto [rapid, sensitive] = loss_references();
-  return (lost - rapid) * pairs > limits_.rapid || (lost - sensitive) * pairs > limits_.sensitive;
+  for (std::size_t chart = 0; chart < limits_.size(); ++chart)
+    if ((lost - loss_reference(chart)) * pairs > limits_[chart]) return true;
+  return false;
 }
 
 DriftVerdict DriftMonitor::decide() const {
@@ -150,7 +195,7 @@ DriftVerdict DriftMonitor::decide() const {
   if (now >= suspect_share) return DriftVerdict::suspect;
   // Hysteresis here too: it takes a clear margin to call the detection power sufficient again.
   const double share = before == DriftVerdict::calibrated ? 1 : clear_share;
-  if (!detects_lost_maximum(share * detection_pairs)) return DriftVerdict::insufficient_power;
+  if (!detects_lost_maximum(share * settings_.pairs_to_detect)) return DriftVerdict::insufficient_power;
   for (int axis = 0; axis < 3; ++axis)
     if (detection_limit(axis) > share * settings_.must_detect_rotation_rad) return DriftVerdict::insufficient_power;
   return DriftVerdict::calibrated;
@@ -172,24 +217,48 @@ DriftVerdict DriftMonitor::decide_from_start() const {
   return learned() ? now : std::max(now, verdict());
 }
 
+bool DriftMonitor::wants_sensitivity() const {
+  return learning() && state_.baseline.sensitivities < std::max(enough_sensitivities, settings_.baseline_pairs);
+}
+
+/// The oldest pair is forgotten. It is on its way into the baseline where nothing speaks of drift.
+void DriftMonitor::retire_oldest() {
+  const AxisEvidence oldest = std::move(state_.recent.front());
+  const bool is_learned = state_.unlearned < static_cast<int>(state_.recent.size());
+  state_.recent.pop_front();
+  if (is_learned) return;
+  --state_.unlearned;
+  DriftBaseline& baseline = state_.baseline;
+  if (!learning() || evidence() >= evidence_share || !is_outlier_free(oldest)) return;
+  state_.gathered.add(oldest);
+  const double enough = batch_share * std::min<double>(baseline.pairs, settings_.pairs_to_detect);
+  if (state_.gathered.pairs < std::max<double>(smallest_batch, enough)) return;
+  const DriftBaseline batch = std::exchange(state_.waiting, std::exchange(state_.gathered, {}));
+  if (baseline.distances(batch).cwiseAbs().maxCoeff() > doubtful_sigmas) {
+    state_.doubtful.merge(batch);
+    return;
+  }
+  // What was doubtful has ended: such is this vehicle's road.
+  baseline.merge(std::exchange(state_.doubtful, {}));
+  baseline.merge(batch);
+}
+
 Result<DriftVerdict> DriftMonitor::observe(const AxisEvidence& evidence) {
+  if (evidence.same_scene && !state_.recent.empty()) {
+    if (++state_.repeats < longest_repeats || !learned()) return verdict();
+  }
   if (!learned() && !evidence.sensitivity)
     return fail(ErrorCode::sensitivity_missing, "a pair of the baseline needs the response of its slopes to shifts");
+  state_.repeats = 0;
+  if (state_.recent.size() == recent_pairs) retire_oldest();
   state_.recent.push_back(evidence);
   if (learned()) {
+    ++state_.unlearned;
     accumulate();
     state_.verdict = decide();
-    if (state_.recent.size() > recent_pairs) {
-      const AxisEvidence& oldest = state_.recent.front();
-      if (wants_sensitivity() && oldest.sensitivity && this->evidence() < evidence_share && is_outlier_free(oldest))
-        state_.baseline.add(oldest);
-      state_.recent.pop_front();
-    }
     return verdict();
   }
   state_.baseline.add(evidence);
-  state_.recent.back().sensitivity.reset();
-  if (state_.recent.size() > recent_pairs) state_.recent.pop_front();
   state_.verdict = decide_from_start();
   if (!learned()) return verdict();
   if (state_.verdict == DriftVerdict::learning)
@@ -202,7 +271,7 @@ Result<DriftVerdict> DriftMonitor::observe(const AxisEvidence& evidence) {
 std::string DriftMonitor::reason() const {
   switch (verdict()) {
     case DriftVerdict::learning:
-      return fmt::format("learning the baseline: {} of {} pairs", state_.baseline.pairs, settings_.baseline_pairs);
+      return fmt::format("learning the baseline: {} of {} scenes", state_.baseline.pairs, settings_.baseline_pairs);
     case DriftVerdict::insufficient_power:
       return "insufficient detection power: " + least_detectable() + " could go unnoticed";
     case DriftVerdict::calibrated:
@@ -217,7 +286,7 @@ std::string DriftMonitor::reason() const {
 
 /// The rotation with the largest detection limit, in words.
 std::string DriftMonitor::least_detectable() const {
-  if (!detects_lost_maximum(clear_share * detection_pairs))
+  if (!detects_lost_maximum(clear_share * settings_.pairs_to_detect))
     return "the extrinsic hardly scores better than its neighbours; even a large displacement";
   int least = 0;
   for (int axis = 1; axis < 3; ++axis)
@@ -244,28 +313,28 @@ std::string DriftMonitor::moved_axes() const {
 double DriftMonitor::detection_limit(int axis) const {
   const DriftBaseline& baseline = state_.baseline;
   if (!learned() || !baseline.observable(axis)) return std::numeric_limits<double>::infinity();
-  const auto [rapid, sensitive] = references();
-  const double least = std::min(negligible(axis) + rapid + limits_.rapid / detection_pairs,
-                                negligible(axis) + sensitive + limits_.sensitive / detection_pairs);
+  double least = std::numeric_limits<double>::infinity();
+  for (std::size_t chart = 0; chart < limits_.size(); ++chart)
+    least = std::min(least, negligible(axis) +
+                                wander(axis, chart) * (reference(chart) + limits_[chart] / settings_.pairs_to_detect));
   return least * baseline.spread(axis) / baseline.sensitivity(axis, axis);
 }
 
 std::optional<Timestamp> DriftMonitor::onset() const {
   if (verdict() != DriftVerdict::suspect && verdict() != DriftVerdict::drifted) return std::nullopt;
   if (!learned()) return Timestamp::min();
-  const auto earliest = [&](Cusum Charts::*chart, double limit) {
-    std::optional<Timestamp> onset;
-    const auto consider = [&](const Charts& charts) {
-      const Cusum& cusum = charts.*chart;
-      if (cusum.share(limit) >= evidence_share && (!onset || cusum.onset < *onset)) onset = cusum.onset;
+  // The run of a slower chart may reach back into chance; where a quicker one has evidence too, its run is shorter.
+  for (std::size_t chart = 0; chart < limits_.size(); ++chart) {
+    std::optional<Timestamp> earliest;
+    const auto consider = [&](const Cusum& cusum) {
+      if (cusum.share(limits_[chart]) >= evidence_share && (!earliest || cusum.onset < *earliest))
+        earliest = cusum.onset;
     };
-    consider(state_.loss_charts);
-    for (const auto& [positive, negative] : state_.charts) consider(positive), consider(negative);
-    return onset;
-  };
-  // The run of a sensitive chart may reach back into chance; where a rapid chart has evidence too, its run is shorter.
-  if (const auto rapid = earliest(&Charts::rapid, limits_.rapid)) return rapid;
-  return earliest(&Charts::sensitive, limits_.sensitive);
+    consider(state_.loss_charts[chart]);
+    for (const auto& [positive, negative] : state_.charts) consider(positive[chart]), consider(negative[chart]);
+    if (earliest) return earliest;
+  }
+  return std::nullopt;
 }
 
 }  // namespace calib

@@ -8,8 +8,6 @@
 namespace calib {
 namespace {
 
-/// Pairs that the present misalignment is estimated from.
-constexpr std::size_t estimate_pairs = 12;
 constexpr int least_estimate_pairs = 3;
 /// An axis is taken to have moved when that explains as much.
 constexpr double significant_sigmas = 3;
@@ -97,12 +95,11 @@ std::optional<DriftMonitor::Estimate> DriftMonitor::misalignment() const {
   const DriftBaseline& baseline = state_.baseline;
   // Pairs from before the drift began would dilute the estimate.
   const Timestamp from = onset().value_or(Timestamp::min());
-  const std::size_t first = state_.recent.size() - std::min(state_.recent.size(), estimate_pairs);
   std::array<std::vector<double>, 6> seen;
-  for (std::size_t i = first; i < state_.recent.size(); ++i)
-    if (state_.recent[i].stamp >= from)
+  for (const AxisEvidence& evidence : state_.recent)
+    if (evidence.stamp >= from)
       for (std::size_t axis = 0; axis < 6; ++axis)
-        seen[axis].push_back(state_.recent[i].slope[static_cast<Eigen::Index>(axis)]);
+        seen[axis].push_back(evidence.slope[static_cast<Eigen::Index>(axis)]);
   const auto pairs = static_cast<int>(seen[0].size());
   if (pairs < least_estimate_pairs) return std::nullopt;
 

@@ -83,7 +83,8 @@ Matrix6 evaluate_sensitivity(const FeatureSet& frame, const RigidTransform& T_ca
     const Vector6 shift = Vector6::Unit(axis) * sensitivity_shift.of_axis(axis);
     sensitivity.col(axis) = (slope(-shift) - slope(shift)) / (2 * sensitivity_shift.of_axis(axis));
   }
-  return sensitivity;
+  // Saved with every pair, in half the space.
+  return sensitivity.cast<float>().cast<double>();
 }
 
 void DriftBaseline::add(const AxisEvidence& evidence) {
@@ -94,9 +95,12 @@ void DriftBaseline::add(const AxisEvidence& evidence) {
   slope_products += before * away.transpose();
   if (pairs > 1) lag1_products += away.cwiseProduct(latest_slope - slope);
   latest_slope = evidence.slope;
-  const Matrix6 sensitivity_before = *evidence.sensitivity - sensitivity;
-  sensitivity += sensitivity_before / pairs;
-  sensitivity_squares += sensitivity_before.diagonal().cwiseProduct((*evidence.sensitivity - sensitivity).diagonal());
+  if (evidence.sensitivity) {
+    ++sensitivities;
+    const Matrix6 sensitivity_before = *evidence.sensitivity - sensitivity;
+    sensitivity += sensitivity_before / sensitivities;
+    sensitivity_squares += sensitivity_before.diagonal().cwiseProduct((*evidence.sensitivity - sensitivity).diagonal());
+  }
   const double prominence_before = evidence.prominence - prominence;
   prominence += prominence_before / pairs;
   prominence_squares += prominence_before * (evidence.prominence - prominence);
@@ -107,6 +111,53 @@ void DriftBaseline::add(const AxisEvidence& evidence) {
   score_squares += score_before * (evidence.score - score);
 }
 
+Vector6 DriftBaseline::distances(const DriftBaseline& batch) const {
+  Vector6 distances = Vector6::Zero();
+  if (pairs == 0 || batch.pairs == 0) return distances;
+  for (int axis = 0; axis < 6; ++axis)
+    if (const double error = spread(axis) * std::sqrt(1.0 / pairs + 1.0 / batch.pairs); error > 0)
+      distances[axis] = (batch.slope[axis] - slope[axis]) / error;
+  return distances;
+}
+
+void DriftBaseline::merge(const DriftBaseline& batch) {
+  if (batch.pairs == 0) return;
+  if (pairs == 0) {
+    *this = batch;
+    return;
+  }
+  const auto share = [](int mine, int others) { return static_cast<double>(others) / (mine + others); };
+  const double of_batch = share(pairs, batch.pairs), products = pairs * of_batch;
+  const Vector6 slope_away = batch.slope - slope;
+  batch_squares += distances(batch).cwiseAbs2();
+  ++batches;
+  slope += of_batch * slope_away;
+  slope_products += batch.slope_products + products * slope_away * slope_away.transpose();
+  lag1_products += batch.lag1_products + products * slope_away.cwiseAbs2();
+  latest_slope = batch.latest_slope;
+  if (batch.sensitivities > 0) {
+    const double of_these = share(sensitivities, batch.sensitivities);
+    const Matrix6 away = batch.sensitivity - sensitivity;
+    sensitivity += of_these * away;
+    sensitivity_squares += batch.sensitivity_squares + sensitivities * of_these * away.diagonal().cwiseAbs2();
+    sensitivities += batch.sensitivities;
+  }
+  const double prominence_away = batch.prominence - prominence;
+  prominence += of_batch * prominence_away;
+  prominence_squares += batch.prominence_squares + products * prominence_away * prominence_away;
+  lag1_prominences += batch.lag1_prominences + products * prominence_away * prominence_away;
+  latest_prominence = batch.latest_prominence;
+  const double score_away = batch.score - score;
+  score += of_batch * score_away;
+  score_squares += batch.score_squares + products * score_away * score_away;
+  pairs += batch.pairs;
+}
+
+double DriftBaseline::wander(int axis) const {
+  // As if five batches had been independent: a few say little.
+  return std::sqrt(std::max(1.0, (batch_squares[axis] + 5) / (batches + 5)));
+}
+
 double DriftBaseline::spread(int axis) const {
   return long_deviation(slope_products(axis, axis), lag1_products[axis], pairs);
 }
@@ -114,8 +165,8 @@ double DriftBaseline::spread(int axis) const {
 double DriftBaseline::prominence_spread() const { return long_deviation(prominence_squares, lag1_prominences, pairs); }
 
 bool DriftBaseline::observable(int axis) const {
-  const double error = deviation(sensitivity_squares[axis], pairs) / std::sqrt(std::max(1, pairs));
-  return pairs > 1 && spread(axis) > 0 && sensitivity(axis, axis) > observable_sigmas * error;
+  const double error = deviation(sensitivity_squares[axis], sensitivities) / std::sqrt(std::max(1, sensitivities));
+  return sensitivities > 1 && spread(axis) > 0 && sensitivity(axis, axis) > observable_sigmas * error;
 }
 
 }  // namespace calib

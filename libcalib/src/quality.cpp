@@ -45,6 +45,18 @@ SceneThumbnail thumbnail(const Image& image) {
   return result;
 }
 
+double scene_change(const SceneThumbnail& a, const SceneThumbnail& b) {
+  const auto n = static_cast<double>(a.grey.size());
+  double sum_a = 0, sum_b = 0, aa = 0, bb = 0, ab = 0;
+  for (std::size_t i = 0; i < a.grey.size(); ++i) {
+    const double x = a.grey[i], y = b.grey[i];
+    sum_a += x, sum_b += y, aa += x * x, bb += y * y, ab += x * y;
+  }
+  const double spread = std::sqrt((n * aa - sum_a * sum_a) * (n * bb - sum_b * sum_b));
+  // An image without contrast shows no scene that another could be compared with.
+  return spread > 0 ? 1 - (n * ab - sum_a * sum_b) / spread : 0;
+}
+
 Result<void> check_pair(const FramePair& pair, const Camera& camera, const SceneThumbnail* last,
                         const QualityLimits& limits) {
   const Image& image = pair.image;

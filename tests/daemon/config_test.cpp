@@ -54,6 +54,8 @@ pairs:
       false_alerts_per_1000_vehicle_weeks: 2.5
       driving_hours_per_week: 40
       must_notice_deg: 1
+      notice_within: 45min
+      min_scene_change: 0.4
     recalibration:
       mode: apply
       frames: 40
@@ -131,6 +133,8 @@ TEST_CASE("every key is read, into SI units") {
   CHECK(pair.drift.false_alerts_per_1000_vehicle_weeks == 2.5);
   CHECK(pair.drift.driving_hours_per_week == 40);
   CHECK(pair.drift.must_detect_rad == Approx(radians_per_degree));
+  CHECK(pair.drift.notice_within == 45min);
+  CHECK(pair.drift.min_scene_change == 0.4);
   CHECK(pair.recalibration.mode == RecalibrationMode::apply);
   CHECK(pair.recalibration.frames == 40);
   CHECK(pair.recalibration.max_rotation_rad == Approx(3 * radians_per_degree));
@@ -152,7 +156,7 @@ TEST_CASE("keys that are missing have the documented default") {
   CHECK_FALSE(pair.camera.info);
   CHECK(pair.camera.frame_id == "camera_optical");
   CHECK(pair.lidar.frame_id == "lidar");
-  CHECK(pair.drift.baseline_pairs == 20);
+  CHECK((!pair.drift.baseline_pairs && !pair.drift.min_scene_change && pair.drift.notice_within == 2h));
   CHECK(pair.drift.false_alerts_per_1000_vehicle_weeks == 1);
   CHECK(pair.drift.driving_hours_per_week == 56);
   CHECK(pair.drift.must_detect_rad == Approx(0.5 * radians_per_degree));
@@ -177,11 +181,10 @@ TEST_CASE("the example in systemd/ is valid, and the defaults that it documents 
   const Config defaults = require_ok(parse(least));
   CHECK(config.vehicle == "demo-car");
   CHECK(config.dds.interface == defaults.dds.interface);
-  CHECK(config.sampling.window == defaults.sampling.window);
-  CHECK(config.sampling.period == defaults.sampling.period);
+  CHECK((config.sampling.window == defaults.sampling.window && config.sampling.period == defaults.sampling.period));
   CHECK(config.pairs[0].camera.frame_id == defaults.pairs[0].camera.frame_id);
-  CHECK(config.pairs[0].depth_range.min_m == defaults.pairs[0].depth_range.min_m);
-  CHECK(config.pairs[0].depth_range.max_m == defaults.pairs[0].depth_range.max_m);
+  const DepthRange range = config.pairs[0].depth_range, usual = defaults.pairs[0].depth_range;
+  CHECK((range.min_m == usual.min_m && range.max_m == usual.max_m));
   CHECK(config.pairs[0].depth_timeout == defaults.pairs[0].depth_timeout);
   CHECK(config.pairs[0].drift.baseline_pairs == defaults.pairs[0].drift.baseline_pairs);
   CHECK(config.pairs[0].drift.false_alerts_per_1000_vehicle_weeks ==
@@ -259,11 +262,13 @@ TEST_CASE("a wrong value is refused with its file, line and key") {
       {"weeks: 2.5", "weeks: 0", "c.yaml:37: pairs[0].drift.false_alerts_per_1000_vehicle_weeks: "},
       {"per_week: 40", "per_week: 169", "c.yaml:38: pairs[0].drift.driving_hours_per_week: "},
       {"notice_deg: 1", "notice_deg: 0", "c.yaml:39: pairs[0].drift.must_notice_deg: "},
-      {"mode: apply", "mode: maybe", "c.yaml:41: pairs[0].recalibration.mode: is none of: apply, propose"},
-      {"frames: 40", "frames: 4", "c.yaml:42: pairs[0].recalibration.frames: "},
-      {"max_rotation_deg: 3", "max_rotation_deg: 31", "c.yaml:43: pairs[0].recalibration.max_rotation_deg: "},
-      {"max_translation_cm: 20", "max_translation_cm: 0", "c.yaml:44: pairs[0].recalibration.max_translation_cm: "},
-      {"interval: 5min", "interval: 25h", "c.yaml:45: pairs[0].recalibration.min_interval: "},
+      {"within: 45min", "within: 5min", "c.yaml:40: pairs[0].drift.notice_within: 5min is outside"},
+      {"scene_change: 0.4", "scene_change: 1.1", "c.yaml:41: pairs[0].drift.min_scene_change: "},
+      {"mode: apply", "mode: maybe", "c.yaml:43: pairs[0].recalibration.mode: is none of: apply, propose"},
+      {"frames: 40", "frames: 4", "c.yaml:44: pairs[0].recalibration.frames: "},
+      {"max_rotation_deg: 3", "max_rotation_deg: 31", "c.yaml:45: pairs[0].recalibration.max_rotation_deg: "},
+      {"max_translation_cm: 20", "max_translation_cm: 0", "c.yaml:46: pairs[0].recalibration.max_translation_cm: "},
+      {"interval: 5min", "interval: 25h", "c.yaml:47: pairs[0].recalibration.min_interval: "},
   };
   for (const Wrong& wrong : wrongs) {
     INFO(wrong.what << " -> " << wrong.instead);
@@ -305,7 +310,7 @@ TEST_CASE("an unknown key is refused with its line, in every mapping") {
       {"      translation_m:", "c.yaml:26: pairs[0].T_camera_lidar.surprise: unknown key"},
       {"      source:", "c.yaml:29: pairs[0].depth.surprise: unknown key"},
       {"      baseline_pairs:", "c.yaml:36: pairs[0].drift.surprise: unknown key"},
-      {"      mode:", "c.yaml:41: pairs[0].recalibration.surprise: unknown key"},
+      {"      mode:", "c.yaml:43: pairs[0].recalibration.surprise: unknown key"},
   };
   for (const auto& [before, expected] : places_in_file) {
     const std::string indent(before.find_first_not_of(' '), ' ');

@@ -74,7 +74,7 @@ TEST_CASE(
   REQUIRE(scenario.accept());
   CHECK(scenario.error_deg(Vector6::Zero()) > 0.7);
   scenario.drive(4);
-  CHECK_THAT(scenario.reason(), ContainsSubstring("learning the baseline: 4 of 20 pairs; the extrinsic of record "));
+  CHECK_THAT(scenario.reason(), ContainsSubstring("learning the baseline: 4 of 20 scenes; the extrinsic of record "));
   CHECK_THAT(scenario.reason(), ContainsSubstring(" is on probation"));
   scenario.restart();
   CHECK(scenario.state().probation->pairs == 4);
@@ -210,7 +210,7 @@ TEST_CASE("a record that was cut off is noticed, and evidence of later than the 
   CHECK_THAT(scenario.journal().at(0), ContainsSubstring("records 3 to 3, which calibd had written, are missing"));
   CHECK_THAT(scenario.journal().at(1), ContainsSubstring("is of another time than the records"));
   CHECK(scenario.drive_until(Verdict::calibrated, 5) <= 5);
-  scenario.drive(120);
+  scenario.drive(280);
   CHECK_THAT(scenario.last_record().reason, ContainsSubstring(", which calibd had written, are missing"));
 }
 

@@ -86,7 +86,7 @@ class Vehicle {
                              .lidar = {.cloud = "/cloud"},
                              .depth = StereoDepthConfig{.right_image = "/right", .right_camera = {}, .right_info = {}},
                              .depth_range = {},
-                             .drift = {.baseline_pairs = baseline_pairs},
+                             .drift = {.baseline_pairs = baseline_pairs, .min_scene_change = 0},
                              .recalibration = {.mode = RecalibrationMode::propose}});
     start();
   }

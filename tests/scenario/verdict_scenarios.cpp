@@ -8,17 +8,17 @@ using namespace calib::test;
 TEST_CASE("a vehicle that is new learns its baseline, signs it twice, and then says nothing more") {
   PairScenario scenario({.learned = false});
   scenario.drive(19);
-  CHECK(scenario.reason() == "learning the baseline: 19 of 20 pairs");
+  CHECK(scenario.reason() == "learning the baseline: 19 of 20 scenes");
   CHECK(scenario.alerts() == 0);
   scenario.drive(1);
   CHECK(scenario.records(Decision::baseline) == 1);
-  scenario.drive(180);
+  scenario.drive(280);
   CHECK(scenario.verdict() == Verdict::calibrated);
   INFO(scenario.state().drift.baseline.pairs << " pairs");
   CHECK((scenario.alerts() == 1 && scenario.alerts(Verdict::calibrated) == 1));
   CHECK(scenario.records(Decision::initial) == 1);
   CHECK(scenario.records(Decision::baseline) == 2);
-  CHECK(scenario.status().evaluated == 200);
+  CHECK(scenario.status().evaluated == 300);
 }
 
 TEST_CASE("without drift there is no alert and no record", "[release-only]") {

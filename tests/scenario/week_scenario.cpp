@@ -25,7 +25,7 @@ TEST_CASE("a week of driving raises no alert, and the knock at its end does") {
   CHECK(scenario.status().evaluated == 20'160);
   CHECK(scenario.verdict() == Verdict::calibrated);
   CHECK((scenario.alerts() == 1 && scenario.alerts(Verdict::calibrated) == 1));
-  CHECK(scenario.records(Decision::baseline) == 2);
+  CHECK(scenario.records(Decision::baseline) == 3);
   CHECK(scenario.records(Decision::accepted) + scenario.records(Decision::rejected) == 0);
   drive(knocked, 8);
   CHECK(scenario.alerts(Verdict::drifted) == 1);

@@ -13,7 +13,7 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr std::chrono::seconds period = 10s;
-constexpr int school_windows = 160;
+constexpr int school_windows = 300;
 const Provenance provenance{"car", std::string(64, 'c'), "1.2.3", std::string(64, 'd'), "boot"};
 
 /// How a LiDAR that has moved sees the same places.

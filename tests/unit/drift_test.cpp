@@ -10,26 +10,18 @@
 
 using namespace calib;
 using namespace std::chrono_literals;
+using test::keen;
+using test::pairs_until_drifted;
 using test::Vehicle;
 
 namespace {
 
-/// Looks for shifts however small.
-const DriftSettings keen{.negligible_rotation_rad = 0, .negligible_translation_m = 0};
-
-/// Pairs until the verdict is drifted, at most `most`.
-int pairs_until_drifted(Vehicle& vehicle, DriftMonitor& monitor, int most) {
-  int pairs = 0;
-  while (pairs < most && monitor.verdict() != DriftVerdict::drifted) pairs += (vehicle.drive(monitor, 1), 1);
-  return pairs;
-}
-
 bool same(const DriftState& a, const DriftState& b) {
   const auto same_seen = [](const auto& x, const auto& y) { return x.stamp == y.stamp && x.slope == y.slope; };
   return std::ranges::equal(a.recent, b.recent, same_seen) && a.charts == b.charts && a.loss_charts == b.loss_charts &&
-         a.baseline.pairs == b.baseline.pairs && a.baseline.slope == b.baseline.slope &&
-         a.baseline.slope_products == b.baseline.slope_products && a.baseline.sensitivity == b.baseline.sensitivity &&
-         a.verdict == b.verdict;
+         a.unlearned == b.unlearned && a.repeats == b.repeats && a.baseline.pairs == b.baseline.pairs &&
+         a.baseline.slope == b.baseline.slope && a.baseline.slope_products == b.baseline.slope_products &&
+         a.baseline.sensitivity == b.baseline.sensitivity && a.verdict == b.verdict;
 }
 
 }  // namespace
@@ -72,7 +64,7 @@ TEST_CASE("a shift of four deviations is soon found, with its axis, its side and
       }
   std::ranges::sort(delays);
   CHECK(delays[delays.size() / 2] <= 5);
-  CHECK(delays[delays.size() * 95 / 100] <= 8);
+  CHECK(delays[delays.size() * 95 / 100] <= 9);
 }
 
 TEST_CASE("a drift that is put right is called calibrated again") {
@@ -268,12 +260,12 @@ TEST_CASE("the noise of the evidence decides which shift would be noticed") {
   vehicle.drive(monitor, 100);
   for (int axis = 0; axis < 6; ++axis) {
     const double shift = monitor.detection_limit(axis) / StencilStep{}.of_axis(axis);
-    CHECK(shift > 0.5 * Vehicle::noise);
-    CHECK(shift < 3 * Vehicle::noise);
+    CHECK(shift > 0.3 * Vehicle::noise);
+    CHECK(shift < 2.5 * Vehicle::noise);
     DriftMonitor of_it = monitor;
     Vehicle moved = vehicle;
     moved.offset[axis] = shift;
-    CHECK(pairs_until_drifted(moved, of_it, 200) < 200);
+    CHECK(pairs_until_drifted(moved, of_it, 1000) < 1000);
   }
 }
 

@@ -43,4 +43,14 @@ class Vehicle {
   vehicle::Random random_;
 };
 
+/// Looks for shifts however small.
+inline const DriftSettings keen{.negligible_rotation_rad = 0, .negligible_translation_m = 0};
+
+/// Pairs until the verdict is drifted, at most `most`.
+inline int pairs_until_drifted(Vehicle& vehicle, DriftMonitor& monitor, int most) {
+  int pairs = 0;
+  while (pairs < most && monitor.verdict() != DriftVerdict::drifted) pairs += (vehicle.drive(monitor, 1), 1);
+  return pairs;
+}
+
 }  // namespace calib::test

@@ -2,6 +2,7 @@
 #include <cstdlib>
 #include <iostream>
 
+#include "calib/quality.hpp"
 #include "calib_eval/commands.hpp"
 #include "calib_eval/drift_report.hpp"
 #include "calib_eval/parallel.hpp"
@@ -13,7 +14,6 @@ namespace {
 constexpr double creeping_rung_rad = 0.125 * radians_per_degree;
 /// A LiDAR that creeps is given up when it has turned by so much.
 constexpr double farthest_rad = 1 * radians_per_degree;
-constexpr int usual_pairs = 100;
 /// The rest of the operating curve: how many times more false alarms are allowed, and for how many it is waited.
 constexpr double allowances[] = {10, 100, 1000, 10000, 100000};
 constexpr double alarms_waited_for = 20, fewest_weeks = 100;
@@ -30,10 +30,13 @@ double per_pair_rad(const RecordingOptions& recording_frames, const DriftOptions
   return options.rate_deg_per_hour * radians_per_degree * recording_frames.period_s / 3600;
 }
 
+/// As calibd's `drift.notice_within` usually is.
+double pairs_to_detect(const RecordingOptions& recording_frames) { return 2 * 3600 / recording_frames.period_s; }
+
 int pairs_of(const RecordingOptions& recording_frames, const DriftOptions& options) {
   if (options.pairs > 0) return options.pairs;
   const double rate = per_pair_rad(recording_frames, options);
-  return rate > 0 ? static_cast<int>(std::ceil(farthest_rad / rate)) : usual_pairs;
+  return static_cast<int>(std::ceil(rate > 0 ? farthest_rad / rate : pairs_to_detect(recording_frames)));
 }
 
 std::vector<Plan> plans_of(const RecordingOptions& recording_frames, const DriftOptions& options) {
@@ -61,8 +64,20 @@ bool monocular_depth(const RecordingOptions& recording_frames, const DriftOption
   return options.monocular_depth || recording_frames.depth.starts_with("onnx:");
 }
 
+std::vector<std::vector<bool>> same_scene(const RecordingFrames& recording_frames, double min_scene_change) {
+  std::vector<SceneThumbnail> thumbnails;
+  for (const auto& frame : recording_frames.frames) thumbnails.push_back(thumbnail(frame.pair.image));
+  std::vector<std::vector<bool>> same;
+  for (const SceneThumbnail& one : thumbnails) {
+    same.emplace_back();
+    for (const SceneThumbnail& other : thumbnails) same.back().push_back(scene_change(one, other) < min_scene_change);
+  }
+  return same;
+}
+
 SequenceSettings settings_for(const RecordingOptions& recording_frames, const DriftOptions& options,
-                              std::size_t frames) {
+                              const RecordingFrames& read) {
+  const std::size_t frames = read.frames.size();
   SequenceSettings settings;
   settings.block = options.block ? static_cast<std::size_t>(*options.block) : usual_block(frames);
   settings.period_s = recording_frames.period_s;
@@ -70,6 +85,8 @@ SequenceSettings settings_for(const RecordingOptions& recording_frames, const Dr
   settings.seed = recording_frames.seed;
   settings.threads = recording_frames.threads;
   settings.drift = usual_drift_settings(monocular_depth(recording_frames, options));
+  settings.same_scene = same_scene(read, settings.drift.min_scene_change);
+  settings.drift.pairs_to_detect = pairs_to_detect(recording_frames);
   settings.drift.false_alarms_per_pair =
       options.false_alerts_per_1000_vehicle_weeks / (1000 * settings.pairs_per_week());
   return settings;
@@ -159,7 +176,7 @@ Result<Study> study_of(const RecordingOptions& recording_options, const DriftOpt
               options,
               {},
               plans_of(recording_options, options),
-              settings_for(recording_options, options, recording_frames.frames.size())};
+              settings_for(recording_options, options, recording_frames)};
   std::vector<LadderPlan> ladders;
   for (const Plan& plan : study.plans) ladders.push_back(plan.ladder);
   Progress progress("evidence", places_of(ladders) * recording_frames.frames.size());

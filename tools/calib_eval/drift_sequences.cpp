@@ -21,16 +21,25 @@ class Journey {
   Journey(const std::vector<AxisEvidence>& still, const SequenceSettings& settings, std::uint64_t key)
       : monitor(settings.drift),
         still_(still),
+        same_scene_(settings.same_scene),
         draw_(still.size(), settings.block, key),
         period_(static_cast<Timestamp::rep>(settings.period_s * 1e9)) {}
 
-  DriftVerdict drive() { return show(still_[draw_.next()]); }
-  DriftVerdict drive(const Ladder& ladder, double offset) { return show(ladder.at(offset, draw_.next())); }
+  DriftVerdict drive() {
+    const std::size_t frame = draw_.next();
+    return show(still_[frame], frame);
+  }
+  DriftVerdict drive(const Ladder& ladder, double offset) {
+    const std::size_t frame = draw_.next();
+    return show(ladder.at(offset, frame), frame);
+  }
 
   DriftMonitor monitor;
 
  private:
-  DriftVerdict show(const AxisEvidence& evidence) {
+  DriftVerdict show(const AxisEvidence& evidence, std::size_t frame) {
+    shown_.same_scene = scene_ && !same_scene_.empty() && same_scene_[*scene_][frame];
+    if (!shown_.same_scene) scene_ = frame;
     shown_.stamp += period_;
     shown_.slope = evidence.slope;
     shown_.score = evidence.score;
@@ -43,6 +52,8 @@ class Journey {
   }
 
   const std::vector<AxisEvidence>& still_;
+  const std::vector<std::vector<bool>>& same_scene_;
+  std::optional<std::size_t> scene_;  // the frame that a scene began with
   FrameDraw draw_;
   Timestamp period_;
   AxisEvidence shown_;

@@ -30,6 +30,8 @@ class FrameDraw {
 struct SequenceSettings {
   DriftSettings drift;
   std::size_t block = 1;
+  /// Whether two frames show the same scene, [frame][frame]; empty: none do.
+  std::vector<std::vector<bool>> same_scene;
   double period_s = 10;
   double driving_hours_per_week = 56;
   std::uint64_t seed = 1;

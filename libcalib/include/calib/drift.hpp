@@ -52,8 +52,11 @@ struct AxisEvidence {
   /// vanish and so does the prominence, which shows the loss.
   double prominence = 0;
   /// Change of the slopes (rows) when the LiDAR moves along each axis (columns), per rad and m. It takes a dozen
-  /// stencils, so it is measured only for pairs from which a baseline is learned.
+  /// stencils, so it is measured only for the first pairs from which a baseline is learned.
   std::optional<Matrix6> sensitivity{};
+  /// Taken in the scene of the latest evidence (`scene_change`): depth errs there as it did, so that this is no further
+  /// evidence.
+  bool same_scene = false;
 };
 [[nodiscard]] AxisEvidence axis_evidence(const Stencil& stencil, Timestamp stamp);
 [[nodiscard]] Matrix6 evaluate_sensitivity(const FeatureSet& frame, const RigidTransform& T_camera_lidar,
@@ -63,7 +66,7 @@ struct AxisEvidence {
 /// The evidence that the accepted extrinsic gives in this vehicle's own scenes and with its own depth source: running
 /// moments (Welford 1962) over pairs taken while there was no evidence of drift.
 struct DriftBaseline {
-  int pairs = 0;
+  int pairs = 0, sensitivities = 0;                    // of the latter, those with a sensitivity
   Vector6 slope = Vector6::Zero();                     // mean
   Matrix6 slope_products = Matrix6::Zero();            // sum of products of deviations
   Vector6 latest_slope = Vector6::Zero();              // of the pair added last
@@ -73,25 +76,44 @@ struct DriftBaseline {
   double prominence = 0, prominence_squares = 0;       // mean, sum of squared deviations
   double latest_prominence = 0, lag1_prominences = 0;  // as of slopes
   double score = 0, score_squares = 0;                 // mean, sum of squared deviations
+  /// How the mean slopes of batches that were merged wander about the mean before: sum of squared deviations, each 1
+  /// for independent pairs.
+  int batches = 0;
+  Vector6 batch_squares = Vector6::Zero();
 
-  /// `evidence` has a sensitivity.
   void add(const AxisEvidence& evidence);
+  /// Adds the pairs of another baseline, which came after those of this one (Chan, Golub and LeVeque 1979).
+  void merge(const DriftBaseline& batch);
+  /// How far the mean slopes of a batch that came later are from those of this one, in standard errors that they would
+  /// have if pairs were independent.
+  [[nodiscard]] Vector6 distances(const DriftBaseline& batch) const;
   /// Standard deviation of one pair's slope as it contributes to long sums: larger where consecutive pairs are
   /// correlated, and estimated high as long as it is of few pairs.
   [[nodiscard]] double spread(int axis) const;
-  /// Likewise of the prominence.
+  /// By how much larger the deviation of a sum over many scenes is than that of independent pairs; at least 1. Roads
+  /// differ, and depth errs on each in its own way.
+  [[nodiscard]] double wander(int axis) const;
+  /// Likewise as `spread`, of the prominence.
   [[nodiscard]] double prominence_spread() const;
   /// Whether the scenes carry information about the axis: its mean sensitivity is significantly that of a maximum.
   [[nodiscard]] bool observable(int axis) const;
 };
 
 struct DriftSettings {
-  /// Pairs from which the baseline is learned after an extrinsic was accepted, before there is a verdict. While there
-  /// is no evidence of drift, learning continues to `max_baseline_pairs`.
-  int baseline_pairs = 20, max_baseline_pairs = 100;
+  /// Pairs, each of a scene of its own, from which the baseline is learned after an extrinsic was accepted, before
+  /// there is a verdict. While there is no evidence of drift, learning continues to `max_baseline_pairs`: the smaller
+  /// the shift, the better the mean must be known.
+  int baseline_pairs = 20, max_baseline_pairs = 2000;
+  /// Within so many pairs a shift must be detected; two hours of driving at a pair every ten seconds. The charts and
+  /// the detection limits follow from it: small shifts take many pairs.
+  double pairs_to_detect = 720;
   /// Largest rate of false alarms, per pair: one in a thousand vehicle-weeks of 56 hours at a pair every ten seconds.
   /// The limits of the charts follow from it (`cusum_limit`).
   double false_alarms_per_pair = 1 / (1000 * 56 * 360.0);
+  /// Pairs whose images differ by less (`scene_change`) show the same scene; 0: each pair is a scene of its own. On
+  /// recorded streets, images of different places differ by more than 0.55 nine times out of ten, and those of 7.5
+  /// seconds of slow traffic by up to 0.52.
+  double min_scene_change = 0.3;
   /// Smaller shifts are not tested for: scenery and depth move the optimum by as much.
   double negligible_rotation_rad = 0.05 * radians_per_degree;
   double negligible_translation_m = 0.02;
@@ -112,26 +134,30 @@ struct DriftSettings {
 /// detection limit of a rotation exceeds what must be detected.
 enum class DriftVerdict { learning, insufficient_power, calibrated, suspect, drifted };
 
-/// One value for each of two charts on the same sequence: `rapid` finds large shifts within a few pairs, `sensitive`
-/// finds small ones within many.
-template <typename Value>
-struct PerChart {
-  Value rapid{}, sensitive{};
-  bool operator==(const PerChart&) const = default;
-};
-using Charts = PerChart<Cusum>;
+/// Charts on one sequence, by falling reference value: the first finds large shifts within a few pairs, each further
+/// one finds smaller shifts within more.
+inline constexpr std::size_t most_charts = 5;
+using Charts = std::array<Cusum, most_charts>;
 
 /// The charts of an axis: of shifts in its positive and in its negative direction.
 struct AxisCharts {
-  Charts positive, negative;
+  Charts positive{}, negative{};
   bool operator==(const AxisCharts&) const = default;
 };
 
 /// What the monitor knows; everything of it survives a restart.
 struct DriftState {
-  /// The latest pairs, oldest first. Those with a sensitivity are not part of the baseline, or not yet.
+  /// The latest pairs that count, oldest first; the last `unlearned` of them are not part of the baseline, or not yet.
   std::deque<AxisEvidence> recent;
+  int unlearned = 0;
+  /// Pairs in turn that were no further evidence.
+  int repeats = 0;
   DriftBaseline baseline;
+  /// Batches on their way into the baseline: the one that is being gathered, and the one that waits so long. By then a
+  /// shift has shown itself, so that it does not become part of what it is compared with.
+  DriftBaseline gathered, waiting;
+  /// Batches that deviate from the baseline, for as long as it is open whether that is drift.
+  DriftBaseline doubtful;
   std::array<AxisCharts, 6> charts{};
   /// Those of the loss of the maximum.
   Charts loss_charts;
@@ -139,17 +165,23 @@ struct DriftState {
 };
 
 /// Decides, pair after pair, whether the LiDAR has moved since the extrinsic was accepted: two-sided CUSUMs per axis
-/// (Page 1954) on the slope of the objective at the extrinsic, standardised by the vehicle's own spread. Each update is
+/// (Page 1954) on the slope of the objective at the extrinsic, standardised by the vehicle's own spread. A pair of the
+/// same scene as the one before is no further evidence, but for one in thirty once there is a baseline. Each update is
 /// the median of the latest three pairs, so that a single outlier has no effect. The slope reacts first when the
 /// optimum moves, has light tails where the vertex of a fitted parabola has heavy ones, and needs no curvature. While
 /// the baseline is learned, the pooled offset is tested against the bias that a depth source may have, so that an
 /// extrinsic that was wrong from the start is found too.
 class DriftMonitor {
  public:
+  /// Pairs of the baseline with a sensitivity: more of them would tell little.
+  static constexpr int enough_sensitivities = 100;
+
   explicit DriftMonitor(const DriftSettings& settings, DriftState state = {});
 
-  /// Whether the next pair's evidence should have a sensitivity: the baseline is still being learned.
-  [[nodiscard]] bool wants_sensitivity() const { return state_.baseline.pairs < settings_.max_baseline_pairs; }
+  /// Whether the next pair's evidence should have a sensitivity: the baseline has few of them.
+  [[nodiscard]] bool wants_sensitivity() const;
+  /// Whether the baseline is still being learned.
+  [[nodiscard]] bool learning() const { return state_.baseline.pairs < settings_.max_baseline_pairs; }
   /// Takes the evidence of one pair. Fails with `sensitivity_missing`, and takes nothing, while there is no baseline
   /// and `evidence` has no sensitivity.
   Result<DriftVerdict> observe(const AxisEvidence& evidence);
@@ -175,8 +207,8 @@ class DriftMonitor {
     [[nodiscard]] Vector6 sigma() const { return covariance.diagonal().cwiseSqrt(); }
   };
   [[nodiscard]] std::optional<Estimate> misalignment() const;
-  /// The smallest shift along an axis (rad or m) that is detected within fifty pairs; infinite for an axis that is not
-  /// observable, and without a baseline.
+  /// The smallest shift along an axis (rad or m) that is detected within `pairs_to_detect`; infinite for an axis that
+  /// is not observable, and without a baseline.
   [[nodiscard]] double detection_limit(int axis) const;
   /// Stamp of the pair where the evidence of drift begins; `Timestamp::min()` for an extrinsic wrong from the start.
   [[nodiscard]] std::optional<Timestamp> onset() const;
@@ -189,15 +221,19 @@ class DriftMonitor {
  private:
   [[nodiscard]] double evidence() const;
   [[nodiscard]] double share(const Charts& charts) const;
-  /// In standard deviations of one pair: the shift of an axis that is not tested for, and the charts' reference values.
+  /// Of an axis, in standard deviations of one pair: the shift that is not tested for.
   [[nodiscard]] double negligible(int axis) const;
-  [[nodiscard]] PerChart<double> references() const;
-  [[nodiscard]] PerChart<double> loss_references() const;
+  /// In standard deviations: the reference value of a chart.
+  [[nodiscard]] double reference(std::size_t chart) const;
+  [[nodiscard]] double loss_reference(std::size_t chart) const;
+  /// By how much the deviations of an axis must be divided for a chart.
+  [[nodiscard]] double wander(int axis, std::size_t chart) const;
   /// Whether there is evidence of the loss of the maximum.
   [[nodiscard]] bool maximum_is_lost() const;
   /// Whether the loss of the maximum would be detected within so many pairs.
   [[nodiscard]] bool detects_lost_maximum(double pairs) const;
   void accumulate();
+  void retire_oldest();
   [[nodiscard]] bool is_outlier_free(const AxisEvidence& evidence) const;
   [[nodiscard]] DriftVerdict decide() const;
   [[nodiscard]] DriftVerdict decide_from_start() const;
@@ -205,7 +241,7 @@ class DriftMonitor {
   [[nodiscard]] std::string moved_axes() const;
 
   DriftSettings settings_;
-  PerChart<double> limits_;
+  std::vector<double> limits_;  // of the charts that are in use
   DriftState state_;
 };
 

@@ -34,6 +34,10 @@ struct SceneThumbnail {
 };
 [[nodiscard]] SceneThumbnail thumbnail(const Image& image);
 
+/// How little two images have in common: 0 when they are the same but for brightness and contrast, about 1 when they
+/// are unrelated, at most 2 (one less the correlation of the thumbnails).
+[[nodiscard]] double scene_change(const SceneThumbnail& a, const SceneThumbnail& b);
+
 /// Checks, in the order in which they are cheap, all that can be known before depth is computed: `image_size_mismatch`
 /// (not the camera's), `motion`, `dark`, `saturated`, `low_texture`, `standing_still` (against `last`, when there is
 /// one), `low_overlap` (no points).
