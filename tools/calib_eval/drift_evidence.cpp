@@ -50,7 +50,9 @@ std::size_t places_of(const std::vector<LadderPlan>& plans) {
 
 Result<DriftEvidence> measure(const RecordingFrames& recording_frames, const std::vector<LadderPlan>& plans,
                               const Objective& objective, int threads, const std::function<void()>& done) {
-  const auto features = recording_frames.features({.min_points = QualityLimits{}.min_points}, threads);
+  const bool edges =
+      std::ranges::any_of(objective.all(), [](const Term& term) { return term.features == FeaturePair::edges; });
+  const auto features = recording_frames.features({.min_points = QualityLimits{}.min_points, .edges = edges}, threads);
   if (!features) return propagate(features);
   DriftEvidence evidence;
   evidence.still.resize(features->size());
