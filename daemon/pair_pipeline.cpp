@@ -63,8 +63,9 @@ Result<Measurement> PairPipeline::measure(const FramePair& pair, const PairState
   if (auto usable = check_depth(*depth_map, settings_.quality); !usable) return propagate(usable);
 
   // Ranks of depth and of range, of the points that can come into view.
-  auto features = make_features(pair, *depth_map, settings_.camera, state.T_camera_lidar,
-                                {.bounds = settings_.bounds, .min_points = settings_.quality.min_points});
+  auto features = make_features(
+      pair, *depth_map, settings_.camera, state.T_camera_lidar,
+      {.bounds = settings_.bounds, .min_points = settings_.quality.min_points, .edges = settings_.monocular_depth});
   if (!features) return propagate(features);
 
   // Mutual information at the extrinsic in force and one step to either side of it along each axis.

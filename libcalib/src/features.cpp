@@ -7,6 +7,7 @@
 #include <numbers>
 #include <string>
 
+#include "edges.hpp"
 #include "ranks.hpp"
 
 namespace calib {
@@ -233,6 +234,12 @@ void take_points(const LidarScan& scan, const RigidTransform& T_camera_lidar, co
     reflectance.push_back(point.reflectance);
   }
   features.set_points(points, largest);
+  if (settings.edges)
+    for (const std::size_t i : range_edges(points, T_camera_lidar)) {
+      features.edge_x.push_back(features.x[i]);
+      features.edge_y.push_back(features.y[i]);
+      features.edge_z.push_back(features.z[i]);
+    }
   rank_distance(viewpoint(T_camera_lidar, settings.bounds), features);
   features.reflectance_rank = classes(reflectance, equal_population_limits);
   if (!settings.baselines) return;
@@ -298,13 +305,14 @@ Eigen::Vector3d BearingGrid::bearing(double u, double v) const {
 }
 
 std::size_t FeatureSet::memory_bytes() const {
-  std::size_t bytes = sizeof *this + sizeof(std::int16_t) * (x.capacity() + y.capacity() + z.capacity());
+  std::size_t bytes = sizeof *this;
+  for (const auto* values : {&x, &y, &z, &edge_x, &edge_y, &edge_z}) bytes += sizeof(std::int16_t) * values->capacity();
   for (const auto* values : {&range_rank, &reflectance_rank, &range_linear, &reflectance_linear})
     bytes += values->capacity();
   if (!planes) return bytes;
   bytes += sizeof *planes;
   bytes += sizeof(std::uint16_t) * planes->packed.capacity();
-  for (const auto* values : {&planes->depth_linear, &planes->grey_linear, &planes->grey_rank})
+  for (const auto* values : {&planes->depth_linear, &planes->grey_linear, &planes->grey_rank, &planes->contrast.rank})
     bytes += values->capacity();
   return bytes;
 }
@@ -343,6 +351,9 @@ FeatureSet FeatureSet::about(const RigidTransform& T_camera_lidar, const SearchB
   take(reflectance_rank, result.reflectance_rank);
   take(range_linear, result.range_linear);
   take(reflectance_linear, result.reflectance_linear);
+  result.edge_x = edge_x;
+  result.edge_y = edge_y;
+  result.edge_z = edge_z;
   rank_distance(viewpoint(T_camera_lidar, bounds), result);
   return result;
 }
@@ -362,6 +373,7 @@ Result<FeatureSet> make_features(const FramePair& pair, const DepthMap& depth, c
   pack(seen.distance, FeaturePlanes::depth, 1, 1, planes);
   pack(seen.distance, FeaturePlanes::tile_depth, FeatureSet::tile_columns, FeatureSet::tile_rows, planes);
   pack(seen.grey, FeaturePlanes::grey, 1, 1, planes);
+  if (settings.edges) planes.contrast = contrast_of(seen.grey, planes.grid);
   if (settings.baselines) {
     planes.depth_linear = classes(seen.depth, planes.grid, equal_width_limits);
     planes.grey_linear = classes(seen.grey, planes.grid, equal_width_limits);

@@ -24,7 +24,9 @@ struct Counting {
     tables = tiled ? FeatureSet::tile_columns * FeatureSet::tile_rows : 1;
     choose(term.features, frame);
   }
-  [[nodiscard]] bool possible() const { return !rows->empty() && (packed != nullptr || !plane->empty()); }
+  [[nodiscard]] bool possible() const {
+    return rows != nullptr && !rows->empty() && (packed != nullptr || !plane->empty());
+  }
 
   int classes, tables = 1;
   bool tiled;
@@ -64,6 +66,8 @@ struct Counting {
         return in_plane(frame.range_linear, planes.depth_linear);
       case FeaturePair::linear_intensity:
         return in_plane(frame.reflectance_linear, planes.grey_linear);
+      case FeaturePair::edges:
+        return;  // is not counted
     }
   }
 };
@@ -100,6 +104,38 @@ Score score_term(const Term& term, const Counting& counting, const std::vector<s
   if (sum.points < min_scored_points) return {nothing, sum.points};
   sum.value /= static_cast<double>(sum.points);
   return sum;
+}
+
+Score score_edges(const FeatureSet& frame, const Projection& projection) {
+  const auto& T = projection.T_camera_points;
+  const BearingGrid& grid = projection.grid;
+  const ContrastPlane& plane = frame.planes->contrast;
+  const float per_column = 1 / static_cast<float>(plane.cell_columns),
+              per_row = 1 / static_cast<float>(plane.cell_rows);
+  std::uint64_t sum = 0;
+  Score score{1, 0};
+  for (std::size_t i = 0; i < frame.edge_x.size(); ++i) {
+    const float x = frame.edge_x[i], y = frame.edge_y[i], z = frame.edge_z[i];
+    const float x_camera = T[0] * x + T[1] * y + T[2] * z + T[3], y_camera = T[4] * x + T[5] * y + T[6] * z + T[7];
+    const float z_camera = T[8] * x + T[9] * y + T[10] * z + T[11];
+    float denominator = z_camera;
+    if (grid.xi != 0)
+      denominator += grid.xi * std::sqrt(x_camera * x_camera + y_camera * y_camera + z_camera * z_camera);
+    if (!(denominator > 1e-6F)) continue;
+    const float column = (grid.fx * x_camera / denominator + grid.cx + 0.5F) * per_column;
+    const float row = (grid.fy * y_camera / denominator + grid.cy + 0.5F) * per_row;
+    if (!(column >= 0 && row >= 0 && column < static_cast<float>(plane.width) &&
+          row < static_cast<float>(plane.height)))
+      continue;
+    const std::uint8_t rank =
+        plane.rank[static_cast<std::size_t>(row) * plane.width + static_cast<std::size_t>(column)];
+    if (rank == FeatureSet::none) continue;
+    sum += rank;
+    ++score.points;
+  }
+  if (score.points >= min_scored_edges)
+    score.value = 0.5 + static_cast<double>(sum) / static_cast<double>(score.points * (FeatureSet::ranks - 1));
+  return score;
 }
 
 Projection projection_of(const FeatureSet& features, const RigidTransform& T_camera_lidar) {
@@ -166,8 +202,9 @@ Score score(const FeatureSet& features, const RigidTransform& T_camera_lidar, co
   double weights = 0;
   for (std::size_t k = 0; k < countings.size(); ++k) {
     const Term& term = objective.terms[k];
-    const Score one = countings[k].possible() ? score_term(term, countings[k], scratch.counts[k])
-                                              : Score{term.normalised ? 1.0 : 0.0, 0};
+    const Score one = term.features == FeaturePair::edges ? score_edges(features, projection)
+                      : countings[k].possible()           ? score_term(term, countings[k], scratch.counts[k])
+                                                          : Score{term.normalised ? 1.0 : 0.0, 0};
     result.value += term.weight * one.value;
     weights += term.weight;
     if (k == 0) result.points = one.points;

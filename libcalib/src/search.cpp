@@ -123,7 +123,9 @@ Objective final_objective(Method method, const std::array<bool, 6>& free_axes) {
 }
 
 Objective drift_objective(bool monocular_depth) {
-  return monocular_depth ? final_objective(Method::standard, {true, true, true, false, false, false}) : depth_objective;
+  using enum FeaturePair;
+  if (!monocular_depth) return depth_objective;
+  return objective_of({{tiled_depth, 1, 8, true}, {intensity, 6, 8, true}, {edges, 1, 8, true}});
 }
 
 Result<SearchResult> search(Frames frames, const RigidTransform& T_camera_lidar, Method method,

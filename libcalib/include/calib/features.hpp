@@ -41,6 +41,8 @@ struct FeatureSettings {
   int min_points = 1000;
   /// Also the features that only the published methods need.
   bool baselines = false;
+  /// Also the edges, which `FeaturePair::edges` needs.
+  bool edges = false;
 };
 
 /// Where a packed pixel holds the class of a feature: `bits` bits from `shift` on, 2^class_shift ranks a class, all
@@ -60,6 +62,15 @@ struct PackedClass {
   }
 };
 
+/// How much the brightness changes from left to right, in cells of several pixels: ranks among the cell's tile of the
+/// image, row-major, `FeatureSet::none` where the image has no value. A cell is as wide as what a LiDAR resolves.
+struct ContrastPlane {
+  static constexpr float cell_rad = 0.0028F;
+  int width = 0, height = 0;            // cells
+  int cell_columns = 1, cell_rows = 1;  // pixels of the grid in a cell
+  std::vector<std::uint8_t> rank;
+};
+
 /// What is kept of an image and its depth: planes of the grid, row-major, `grid.pixels()` values or empty.
 struct FeaturePlanes {
   BearingGrid grid;
@@ -69,6 +80,7 @@ struct FeaturePlanes {
   /// Baselines: the paper's features in classes of equal width, depth along the axis and brightness; and the full ranks
   /// of brightness.
   std::vector<std::uint8_t> depth_linear, grey_linear, grey_rank;
+  ContrastPlane contrast;
   /// Of the camera: nothing further off its axis is visible.
   double max_angle_rad = 0;
 };
@@ -101,6 +113,8 @@ struct FeatureSet {
   std::vector<std::uint8_t> range_rank, reflectance_rank;
   /// The paper's: Euclidean range in the LiDAR frame, reflectance.
   std::vector<std::uint8_t> range_linear, reflectance_linear;
+  /// Those of the points that are at the near side of a jump of range to their left or right, in the same units.
+  std::vector<std::int16_t> edge_x, edge_y, edge_z;
 
   [[nodiscard]] std::size_t points() const { return x.size(); }
   /// In the LiDAR frame, in m.

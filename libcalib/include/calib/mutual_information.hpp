@@ -12,15 +12,17 @@ namespace calib {
 
 /// Two features of a frame whose joint histogram is taken: one of the points, one of the pixels that they project to.
 enum class FeaturePair {
-  depth,            // rank of the distance, rank of depth
-  tiled_depth,      // rank of the distance, rank of depth among its tile of the image: one histogram per tile
-  intensity,        // rank of reflectance, rank of brightness
-  fine_intensity,   // the same, for more than 30 classes
-  linear_depth,     // range, depth, as the paper has them
-  linear_intensity  // reflectance, brightness, as the paper's baseline has them
+  depth,             // rank of the distance, rank of depth
+  tiled_depth,       // rank of the distance, rank of depth among its tile of the image: one histogram per tile
+  intensity,         // rank of reflectance, rank of brightness
+  fine_intensity,    // the same, for more than 30 classes
+  linear_depth,      // range, depth, as the paper has them
+  linear_intensity,  // reflectance, brightness, as the paper's baseline has them
+  edges              // jumps of range, contrast of brightness; no histogram: see `Term`
 };
 
-/// One term of an objective.
+/// One term of an objective. That of `edges` is 1/2 and the mean rank of contrast, 0 to 1, where the LiDAR sees the
+/// outline of something: 1 on the average over an image, as the others are of independent features.
 struct Term {
   FeaturePair features = FeaturePair::depth;
   double weight = 1;  // positive
@@ -59,6 +61,8 @@ struct Score {
 [[nodiscard]] Score score(const FeatureSet& features, const RigidTransform& T_camera_lidar,
                           const Objective& objective = depth_objective);
 inline constexpr std::size_t min_scored_points = 200;
+/// Likewise of `edges`, of which a scan has a twentieth as many.
+inline constexpr std::size_t min_scored_edges = 100;
 
 /// Frames that are stored elsewhere; none is null.
 using Frames = std::span<const FeatureSet* const>;

@@ -90,7 +90,7 @@ struct Uncertainty {
                                       const SearchSettings& settings = {});
 
 /// The objective of the drift monitor: depth of the whole image, which has the sharpest maximum; for monocular depth
-/// tiles and intensity, which errors that vary over the image affect less.
+/// tiles, intensity and edges, which errors that vary over the image affect less.
 [[nodiscard]] Objective drift_objective(bool monocular_depth);
 
 /// The objective of a method's last stage, unless the depth is found to be biased.
