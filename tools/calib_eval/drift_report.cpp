@@ -170,7 +170,8 @@ Json to_json(const OperatingPoint& point) {
 }
 
 std::string to_text(const std::optional<DetectionPower>& detection_power) {
-  if (!detection_power) return "no baseline is ever learned from these frames: misalignment is seen from the start\n";
+  if (!detection_power)
+    return "no baseline is ever learned from these frames: they show too few scenes, or misalignment from the start\n";
   std::string lines = fmt::format("{:<6}  {:>16}  {:>17}\n", "axis", "sigma of a pair", "would be noticed");
   const auto value = [](const std::optional<double>& of, int axis) {
     return of ? fmt::format("{:.2f} {}", *of, unit_of(axis)) : "not observable";
