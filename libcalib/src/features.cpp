@@ -79,6 +79,15 @@ std::vector<std::uint8_t> classes(const std::vector<float>& values, RankLimits l
   return result;
 }
 
+/// A pixel of the grid stands for so many pixels of the image in each direction. `focal` is in pixels per radian, on
+/// the axis. A finer grid costs memory and time and finds nothing more: a beam of a LiDAR is 0.1 to 0.2 degrees wide.
+int pixels_per_pixel(const Camera& camera, double focal) {
+  constexpr double coarsest_rad = 0.003;
+  constexpr int fewest_columns = 480, fewest_rows = 16;  // a long lens keeps more than the angle asks for
+  const int most = std::min(camera.width() / fewest_columns, camera.height() / fewest_rows);
+  return std::clamp(static_cast<int>(coarsest_rad * focal), 1, std::max(1, most));
+}
+
 /// The camera's values at each pixel of the grid; NaN where it has none.
 struct Resampled {
   std::vector<float> distance;  // negative inverse distance along the ray, which grows with it
@@ -98,7 +107,8 @@ void cosines(const BearingGrid& grid, int v, const std::vector<double>& x_square
 
 Resampled resample(const FramePair& pair, const DepthMap& depth, const Camera& camera, const BearingGrid& grid,
                    bool with_depth) {
-  const bool same = camera.model() == CameraModel::rectified;
+  const bool rectified = camera.model() == CameraModel::rectified;
+  const int step = rectified ? pixels_per_pixel(camera, camera.fx()) : 1;
   const bool with_grey = pair.image.pixels.size() == depth.inverse_depth.size();
   Resampled result;
   result.distance.assign(grid.pixels(), no_value);
@@ -110,8 +120,8 @@ Resampled resample(const FramePair& pair, const DepthMap& depth, const Camera& c
     cosines(grid, v, x_squared, forward_of_row);
     for (int u = 0; u < grid.width; ++u) {
       const std::size_t to = static_cast<std::size_t>(v) * grid.width + u;
-      std::size_t from = to;
-      if (!same) {
+      std::size_t from = static_cast<std::size_t>(v * step + step / 2) * depth.width + u * step + step / 2;
+      if (!rectified) {
         const auto uv = camera.project(grid.bearing(u, v));
         if (!uv) continue;
         // Not lround: it takes -0.5, which the camera sees, to -1.
@@ -259,16 +269,19 @@ int points_on_depth(const FeatureSet& features, const RigidTransform& T_camera_l
 }  // namespace
 
 BearingGrid BearingGrid::of(const Camera& camera) {
-  BearingGrid grid{camera.width(),
-                   camera.height(),
-                   static_cast<float>(camera.fx()),
-                   static_cast<float>(camera.fy()),
-                   static_cast<float>(camera.cx()),
-                   static_cast<float>(camera.cy()),
-                   0};
-  if (camera.model() == CameraModel::rectified) return grid;
-  // The pinhole or stereographic picture of what the image shows, as fine as the image is on the average. The corners
-  // of a round image would claim most of it: a model goes on where the lens does not.
+  BearingGrid grid;
+  if (camera.model() == CameraModel::rectified) {  // the image's own pixels, or some of them in each direction
+    const int step = pixels_per_pixel(camera, camera.fx()), first = step / 2;
+    grid.width = (camera.width() - first - 1) / step + 1;
+    grid.height = (camera.height() - first - 1) / step + 1;
+    grid.fx = static_cast<float>(camera.fx() / step);
+    grid.fy = static_cast<float>(camera.fy() / step);
+    grid.cx = static_cast<float>((camera.cx() - first) / step);
+    grid.cy = static_cast<float>((camera.cy() - first) / step);
+    return grid;
+  }
+  // The pinhole or stereographic picture of what the image shows, as fine as the image is on the average, or coarser
+  // by a whole number. The corners of a round image would claim most of it: a model goes on where the lens does not.
   constexpr double widest_rad = 115 * radians_per_degree;
   grid.xi = camera.max_angle_rad() < std::numbers::pi / 3 ? 0 : 1;
   Eigen::Vector2d least = Eigen::Vector2d::Constant(1e9), most = -least;
@@ -281,7 +294,8 @@ BearingGrid BearingGrid::of(const Camera& camera) {
         most = most.cwiseMax(place);
       }
   const Eigen::Vector2d extent = (most - least).cwiseMax(1e-6);
-  const double scale = std::sqrt(camera.width() * static_cast<double>(camera.height()) / extent.prod());
+  double scale = std::sqrt(camera.width() * static_cast<double>(camera.height()) / extent.prod());
+  scale /= pixels_per_pixel(camera, scale / (1 + grid.xi));
   grid.width = std::max(1, static_cast<int>(std::lround(scale * extent.x())));
   grid.height = std::max(1, static_cast<int>(std::lround(scale * extent.y())));
   grid.fx = grid.fy = static_cast<float>(scale);
