@@ -129,8 +129,7 @@ Resampled resample(const FramePair& pair, const DepthMap& depth, const Camera& c
                static_cast<std::size_t>(std::floor(uv->x() + 0.5));
       }
       if (with_grey) result.grey[to] = pair.image.pixels[from];
-      const float inverse = depth.inverse_depth[from];
-      const auto forward = static_cast<float>(forward_of_row[u]);
+      const float inverse = depth.inverse_depth[from], forward = static_cast<float>(forward_of_row[u]);
       if (!(inverse > DepthMap::no_depth) || (!depth.along_ray && forward <= 0)) continue;
       result.distance[to] = -(depth.along_ray ? inverse : inverse * forward);
       if (with_depth) result.depth[to] = depth.along_ray ? forward / inverse : 1 / inverse;
@@ -166,16 +165,18 @@ class Cull {
 
   [[nodiscard]] bool may_be_in_view(const Eigen::Vector3f& p_lidar) const {
     const Eigen::Vector3f p_camera = T_ * p_lidar;
-    const float range = p_camera.norm();
-    if (!std::isfinite(range)) return false;
-    if (range <= moved_) return true;  // what is nearer than it may be shifted can come from anywhere
+    const float squared = p_camera.squaredNorm(), range = std::sqrt(squared);
+    const bool near = range <= moved_;  // what may be shifted further than that can come from anywhere
     // The angle by which the point can turn in view, times the range: asin x <= x + (pi / 2 - 1) x^3, which are equal
     // at 0 and 1, and a margin for roundoff.
-    const float x = moved_ / range;
-    const float shift = turn_ * range + moved_ * (1 + 0.571F * x * x) + 1e-4F * range;
-    if (wide_) return shift >= still_ * range || p_camera.z() >= range * std::cos(max_angle_ + shift / range);
-    // sin x <= x, and nothing is further outside than its range.
-    return std::ranges::all_of(sides_, [&](const Eigen::Vector3f& side) { return side.dot(p_camera) >= -shift; });
+    const float shift = turn_ * range + moved_ * (1 + 0.571F * (moved_ * moved_ / squared)) + 1e-4F * range;
+    if (wide_)
+      return std::isfinite(range) &&
+             (near || shift >= still_ * range || p_camera.z() >= range * std::cos(max_angle_ + shift / range));
+    // sin x <= x, and nothing is further outside than its range. No branches: which points are kept has no pattern.
+    bool inside = true;
+    for (const Eigen::Vector3f& side : sides_) inside &= side.dot(p_camera) >= -shift;
+    return std::isfinite(range) & (near | inside);
   }
 
  private:
@@ -316,8 +317,7 @@ std::size_t FeatureSet::memory_bytes() const {
   for (const auto* values : {&range_rank, &reflectance_rank, &range_linear, &reflectance_linear})
     bytes += values->capacity();
   if (!planes) return bytes;
-  bytes += sizeof *planes;
-  bytes += sizeof(std::uint16_t) * planes->packed.capacity();
+  bytes += sizeof *planes + sizeof(std::uint16_t) * planes->packed.capacity();
   for (const auto* values : {&planes->depth_linear, &planes->grey_linear, &planes->grey_rank})
     bytes += values->capacity();
   return bytes;
@@ -342,9 +342,13 @@ FeatureSet FeatureSet::about(const RigidTransform& T_camera_lidar, const SearchB
   result.stamp = stamp;
   result.planes = planes;
   const Cull cull(*planes, T_camera_lidar, bounds);
-  std::vector<std::size_t> kept;
-  for (std::size_t i = 0; i < points(); ++i)
-    if (cull.may_be_in_view(point(i))) kept.push_back(i);
+  std::vector<std::uint32_t> kept(points());
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < points(); ++i) {
+    kept[count] = static_cast<std::uint32_t>(i);
+    count += cull.may_be_in_view(point(i));
+  }
+  kept.resize(count);
   const auto take = [&](const auto& from, auto& to) {
     if (from.empty()) return;
     to.resize(kept.size());
