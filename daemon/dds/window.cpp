@@ -24,14 +24,19 @@ UndecodedImage seen(const sensor_msgs_msg_dds__CompressedImage_& message) {
   return {decode_stamp(message.header).value_or(Timestamp{}), header ? header->size : ImageSize{}};
 }
 
-/// Those of `silent` whose writers are all reliable. There is no way to ask for what a best-effort writer lost.
-Result<SamplingWindow::Topics> to_read_reliably(dds_entity_t participant, SamplingWindow::Topics silent) {
-  if (silent.empty()) return silent;
+/// Those that were silent for some windows and whose writers are all reliable. There is no way to ask for what a
+/// best-effort writer lost.
+Result<std::set<std::string>> to_read_reliably(dds_entity_t participant, const SamplingWindow::Topics& silent) {
+  constexpr int enough_windows = 3;
+  std::set<std::string> topics;
+  for (const auto& [topic, windows] : silent)
+    if (windows >= enough_windows) topics.insert(topic);
+  if (topics.empty()) return topics;
   const auto writers = remote_writers(participant);
   if (!writers) return propagate(writers);
   for (const RemoteWriter& writer : *writers)
-    if (!writer.reliable) silent.erase(writer.topic);
-  return silent;
+    if (!writer.reliable) topics.erase(writer.topic);
+  return topics;
 }
 
 }  // namespace
@@ -80,7 +85,8 @@ Result<SamplingWindow> SamplingWindow::open(dds_entity_t participant, dds_entity
   SamplingWindow window;
   window.interrupt_ = interrupt;
   window.silent_ = std::move(silent);
-  auto read_reliably = to_read_reliably(participant, *window.silent_);
+  window.silent_before_ = *window.silent_;
+  auto read_reliably = to_read_reliably(participant, window.silent_before_);
   if (!read_reliably) return propagate(read_reliably);
   window.read_reliably_ = std::move(*read_reliably);
   auto waitset = own(dds_create_waitset(participant), "waitset");
@@ -178,10 +184,12 @@ Result<std::vector<Sample>> SamplingWindow::wait(std::chrono::nanoseconds timeou
 /// So far: the next wait may hear of a topic after all.
 void SamplingWindow::note_silence() {
   for (const Reader& reader : readers_)
-    if (!reader.heard && dds_get_matched_publications(reader.endpoint.endpoint.get(), nullptr, 0) > 0)
-      silent_->insert(reader.topic);
-    else
+    if (!reader.heard && dds_get_matched_publications(reader.endpoint.endpoint.get(), nullptr, 0) > 0) {
+      const auto before = silent_before_.find(reader.topic);
+      (*silent_)[reader.topic] = before == silent_before_.end() ? 1 : before->second + 1;
+    } else {
       silent_->erase(reader.topic);
+    }
 }
 
 }  // namespace calib

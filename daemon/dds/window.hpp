@@ -1,6 +1,7 @@
 #pragma once
 
 #include <chrono>
+#include <map>
 #include <memory>
 #include <optional>
 #include <set>
@@ -59,15 +60,17 @@ using Sample =
 /// Readers are best effort: they match all writers and never slow one down. There is one exception. Of a reliable
 /// writer, Cyclone 0.10 keeps samples of which fragments were lost, at most `DefragReliableMaxSamples`, and while it is
 /// at that limit it drops newer ones. A reliable reader would have the lost fragments sent again; with best-effort
-/// readers alone nothing ends this, and the topic stays silent for ever. So after a window in which a matched writer
-/// was not heard, the next one reads that topic reliably, if all its writers are reliable. The first heartbeat, which a
-/// reliable reader is always sent, discards the incomplete samples.
+/// readers alone nothing ends this, and the topic stays silent for ever. So after three windows in a row in which a
+/// matched writer was not heard, the next one reads that topic reliably, if all its writers are reliable. The first
+/// heartbeat, which a reliable reader is always sent, discards the incomplete samples. Fewer windows would have writers
+/// that are only slower than a window wait for calibd's acknowledgements.
 class SamplingWindow {
  public:
-  using Topics = std::set<std::string>;
+  /// Topics of which the last windows heard nothing although there was a writer, and how many these were.
+  using Topics = std::map<std::string, int>;
 
-  /// `interrupt` is a guard condition of `participant`. `silent` are the topics of which the last window heard nothing
-  /// although it had a writer; windows that share it keep it. Fails with `bad_topic` or `dds_failed`.
+  /// `interrupt` is a guard condition of `participant`. Windows keep `silent` and share it. Fails with `bad_topic` or
+  /// `dds_failed`.
   [[nodiscard]] static Result<SamplingWindow> open(dds_entity_t participant, dds_entity_t interrupt,
                                                    const PairTopics& topics, std::shared_ptr<Topics> silent);
 
@@ -106,7 +109,8 @@ class SamplingWindow {
   std::vector<Reader> readers_;
   Entity waitset_;
   std::shared_ptr<Topics> silent_;
-  Topics read_reliably_;
+  Topics silent_before_;  // this window
+  std::set<std::string> read_reliably_;
 };
 
 }  // namespace calib

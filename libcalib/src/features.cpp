@@ -1,12 +1,12 @@
 #include "calib/features.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <numbers>
 #include <string>
 
+#include "cull.hpp"
 #include "edges.hpp"
 #include "ranks.hpp"
 
@@ -80,6 +80,15 @@ std::vector<std::uint8_t> classes(const std::vector<float>& values, RankLimits l
   return result;
 }
 
+/// A pixel of the grid stands for so many pixels of the image in each direction. `focal` is in pixels per radian, on
+/// the axis. A finer grid costs memory and time and finds nothing more: a beam of a LiDAR is 0.1 to 0.2 degrees wide.
+int pixels_per_pixel(const Camera& camera, double focal) {
+  constexpr double coarsest_rad = 0.003;
+  constexpr int fewest_columns = 480, fewest_rows = 16;  // a long lens keeps more than the angle asks for
+  const int most = std::min(camera.width() / fewest_columns, camera.height() / fewest_rows);
+  return std::clamp(static_cast<int>(coarsest_rad * focal), 1, std::max(1, most));
+}
+
 /// The camera's values at each pixel of the grid; NaN where it has none.
 struct Resampled {
   std::vector<float> distance;  // negative inverse distance along the ray, which grows with it
@@ -99,7 +108,8 @@ void cosines(const BearingGrid& grid, int v, const std::vector<double>& x_square
 
 Resampled resample(const FramePair& pair, const DepthMap& depth, const Camera& camera, const BearingGrid& grid,
                    bool with_depth) {
-  const bool same = camera.model() == CameraModel::rectified;
+  const bool rectified = camera.model() == CameraModel::rectified;
+  const int step = rectified ? pixels_per_pixel(camera, camera.fx()) : 1;
   const bool with_grey = pair.image.pixels.size() == depth.inverse_depth.size();
   Resampled result;
   result.distance.assign(grid.pixels(), no_value);
@@ -111,8 +121,8 @@ Resampled resample(const FramePair& pair, const DepthMap& depth, const Camera& c
     cosines(grid, v, x_squared, forward_of_row);
     for (int u = 0; u < grid.width; ++u) {
       const std::size_t to = static_cast<std::size_t>(v) * grid.width + u;
-      std::size_t from = to;
-      if (!same) {
+      std::size_t from = static_cast<std::size_t>(v * step + step / 2) * depth.width + u * step + step / 2;
+      if (!rectified) {
         const auto uv = camera.project(grid.bearing(u, v));
         if (!uv) continue;
         // Not lround: it takes -0.5, which the camera sees, to -1.
@@ -120,8 +130,7 @@ Resampled resample(const FramePair& pair, const DepthMap& depth, const Camera& c
                static_cast<std::size_t>(std::floor(uv->x() + 0.5));
       }
       if (with_grey) result.grey[to] = pair.image.pixels[from];
-      const float inverse = depth.inverse_depth[from];
-      const auto forward = static_cast<float>(forward_of_row[u]);
+      const float inverse = depth.inverse_depth[from], forward = static_cast<float>(forward_of_row[u]);
       if (!(inverse > DepthMap::no_depth) || (!depth.along_ray && forward <= 0)) continue;
       result.distance[to] = -(depth.along_ray ? inverse : inverse * forward);
       if (with_depth) result.depth[to] = depth.along_ray ? forward / inverse : 1 / inverse;
@@ -129,52 +138,6 @@ Resampled resample(const FramePair& pair, const DepthMap& depth, const Camera& c
   }
   return result;
 }
-
-/// Whether some extrinsic within the bounds can bring a point of the camera's frame into view.
-class Cull {
- public:
-  Cull(const FeaturePlanes& planes, const RigidTransform& T_camera_lidar, const SearchBounds& bounds)
-      : T_(T_camera_lidar.cast<float>()),
-        wide_(planes.grid.xi != 0),
-        max_angle_(static_cast<float>(planes.max_angle_rad)) {
-    // The largest angle of Rx Ry Rz with each angle within the bounds, and how far a point can be shifted: by the
-    // translation, and because the LiDAR turns about its own origin and not about the camera's.
-    const double half = std::min(bounds.rotation_rad, 1.0) / 2;
-    turn_ = static_cast<float>(bounds.rotation_rad >= 1
-                                   ? std::numbers::pi
-                                   : 2 * std::acos(std::pow(std::cos(half), 3) - std::pow(std::sin(half), 3)));
-    moved_ = static_cast<float>(std::sqrt(3.0) * bounds.translation_m + turn_ * T_camera_lidar.translation().norm());
-    still_ = static_cast<float>(std::numbers::pi - max_angle_);
-    // A pinhole's view is where all four of these inward normals have p.normal >= 0. A bearing that comes into view by
-    // an angle is no further than this angle outside each of them.
-    const BearingGrid& grid = planes.grid;
-    const auto width = static_cast<float>(grid.width), height = static_cast<float>(grid.height);
-    sides_ = {Eigen::Vector3f(grid.fx, 0, grid.cx + 0.5F).normalized(),
-              Eigen::Vector3f(-grid.fx, 0, width - 0.5F - grid.cx).normalized(),
-              Eigen::Vector3f(0, grid.fy, grid.cy + 0.5F).normalized(),
-              Eigen::Vector3f(0, -grid.fy, height - 0.5F - grid.cy).normalized()};
-  }
-
-  [[nodiscard]] bool may_be_in_view(const Eigen::Vector3f& p_lidar) const {
-    const Eigen::Vector3f p_camera = T_ * p_lidar;
-    const float range = p_camera.norm();
-    if (!std::isfinite(range)) return false;
-    if (range <= moved_) return true;  // what is nearer than it may be shifted can come from anywhere
-    // The angle by which the point can turn in view, times the range: asin x <= x + (pi / 2 - 1) x^3, which are equal
-    // at 0 and 1, and a margin for roundoff.
-    const float x = moved_ / range;
-    const float shift = turn_ * range + moved_ * (1 + 0.571F * x * x) + 1e-4F * range;
-    if (wide_) return shift >= still_ * range || p_camera.z() >= range * std::cos(max_angle_ + shift / range);
-    // sin x <= x, and nothing is further outside than its range.
-    return std::ranges::all_of(sides_, [&](const Eigen::Vector3f& side) { return side.dot(p_camera) >= -shift; });
-  }
-
- private:
-  Eigen::Isometry3f T_;
-  bool wide_;
-  float max_angle_, turn_, moved_, still_;
-  std::array<Eigen::Vector3f, 4> sides_;
-};
 
 /// Indices 0 .. count - 1: every 32nd, then what makes that every 16th, and so on, each part in order.
 std::vector<std::size_t> even_samples_first(std::size_t count) {
@@ -266,16 +229,19 @@ int points_on_depth(const FeatureSet& features, const RigidTransform& T_camera_l
 }  // namespace
 
 BearingGrid BearingGrid::of(const Camera& camera) {
-  BearingGrid grid{camera.width(),
-                   camera.height(),
-                   static_cast<float>(camera.fx()),
-                   static_cast<float>(camera.fy()),
-                   static_cast<float>(camera.cx()),
-                   static_cast<float>(camera.cy()),
-                   0};
-  if (camera.model() == CameraModel::rectified) return grid;
-  // The pinhole or stereographic picture of what the image shows, as fine as the image is on the average. The corners
-  // of a round image would claim most of it: a model goes on where the lens does not.
+  BearingGrid grid;
+  if (camera.model() == CameraModel::rectified) {  // the image's own pixels, or some of them in each direction
+    const int step = pixels_per_pixel(camera, camera.fx()), first = step / 2;
+    grid.width = (camera.width() - first - 1) / step + 1;
+    grid.height = (camera.height() - first - 1) / step + 1;
+    grid.fx = static_cast<float>(camera.fx() / step);
+    grid.fy = static_cast<float>(camera.fy() / step);
+    grid.cx = static_cast<float>((camera.cx() - first) / step);
+    grid.cy = static_cast<float>((camera.cy() - first) / step);
+    return grid;
+  }
+  // The pinhole or stereographic picture of what the image shows, as fine as the image is on the average, or coarser
+  // by a whole number. The corners of a round image would claim most of it: a model goes on where the lens does not.
   constexpr double widest_rad = 115 * radians_per_degree;
   grid.xi = camera.max_angle_rad() < std::numbers::pi / 3 ? 0 : 1;
   Eigen::Vector2d least = Eigen::Vector2d::Constant(1e9), most = -least;
@@ -288,7 +254,8 @@ BearingGrid BearingGrid::of(const Camera& camera) {
         most = most.cwiseMax(place);
       }
   const Eigen::Vector2d extent = (most - least).cwiseMax(1e-6);
-  const double scale = std::sqrt(camera.width() * static_cast<double>(camera.height()) / extent.prod());
+  double scale = std::sqrt(camera.width() * static_cast<double>(camera.height()) / extent.prod());
+  scale /= pixels_per_pixel(camera, scale / (1 + grid.xi));
   grid.width = std::max(1, static_cast<int>(std::lround(scale * extent.x())));
   grid.height = std::max(1, static_cast<int>(std::lround(scale * extent.y())));
   grid.fx = grid.fy = static_cast<float>(scale);
@@ -310,8 +277,7 @@ std::size_t FeatureSet::memory_bytes() const {
   for (const auto* values : {&range_rank, &reflectance_rank, &range_linear, &reflectance_linear})
     bytes += values->capacity();
   if (!planes) return bytes;
-  bytes += sizeof *planes;
-  bytes += sizeof(std::uint16_t) * planes->packed.capacity();
+  bytes += sizeof *planes + sizeof(std::uint16_t) * planes->packed.capacity();
   for (const auto* values : {&planes->depth_linear, &planes->grey_linear, &planes->grey_rank, &planes->contrast.rank})
     bytes += values->capacity();
   return bytes;
@@ -336,9 +302,13 @@ FeatureSet FeatureSet::about(const RigidTransform& T_camera_lidar, const SearchB
   result.stamp = stamp;
   result.planes = planes;
   const Cull cull(*planes, T_camera_lidar, bounds);
-  std::vector<std::size_t> kept;
-  for (std::size_t i = 0; i < points(); ++i)
-    if (cull.may_be_in_view(point(i))) kept.push_back(i);
+  std::vector<std::uint32_t> kept(points());
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < points(); ++i) {
+    kept[count] = static_cast<std::uint32_t>(i);
+    count += cull.may_be_in_view(point(i));
+  }
+  kept.resize(count);
   const auto take = [&](const auto& from, auto& to) {
     if (from.empty()) return;
     to.resize(kept.size());

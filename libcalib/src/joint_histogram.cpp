@@ -108,6 +108,7 @@ HWY_INLINE void project_block(const PointBlock& block, const Projection& project
     const auto in_view = hn::And(hn::And(hn::Gt(denominator, nearest), hn::And(hn::Ge(u, least), hn::Lt(u, right))),
                                  hn::And(hn::Ge(v, least), hn::Lt(v, bottom)));
     const auto seen = known(hn::RebindMask(ints, in_view));
+    if (hn::AllFalse(ints, seen)) return;  // often: neighbours follow each other
     const LanesInFront seen_first(seen);
     const auto column = hn::Add(u, round), line = hn::Add(v, round);
     const auto pixel = hn::Add(hn::Mul(hn::BitCast(bits, line), row_length), hn::BitCast(bits, column));

@@ -15,6 +15,7 @@ import pytest
 pytest.importorskip("cyclonedds", reason="no cyclonedds package for this machine")
 import ros  # noqa: E402
 import vehicle  # noqa: E402
+from cyclonedds.core import Policy  # noqa: E402
 
 OTHER = """
 import sys, time
@@ -61,6 +62,31 @@ def test_calibd_receives_samples_in_its_windows_and_hears_nothing_of_those_for_o
         daemon.wait_for(lambda: daemon.pair()["evaluated"] >= 5, 30 * slowdown)
         assert udp_ports(os.getpid()) & {multicast_data}
         assert udp_ports(daemon.pid()) and not udp_ports(daemon.pid()) & {multicast_data}
+
+
+def reliability_of_readers(writer, seconds):
+    """Of the readers that match, in the order of their appearance: whether each is reliable."""
+    readers, end = {}, time.monotonic() + seconds
+    while time.monotonic() < end:
+        for handle in writer.get_matched_subscriptions():
+            with contextlib.suppress(Exception):  # it has gone since
+                found = writer.get_matched_subscription_data(handle)
+                readers.setdefault(str(found.key), isinstance(found.qos[Policy.Reliability], Policy.Reliability.Reliable))
+        time.sleep(0.005)
+    return list(readers.values())
+
+
+def test_a_topic_is_read_reliably_after_three_silent_windows_and_until_it_is_heard(bin_dir, dds_domain, tmp_path, slowdown):
+    """A reliable reader can hold up the writer of a topic that is only slow."""
+    car = vehicle.Vehicle(ros.Peer(dds_domain), vehicle.render(1))
+    with vehicle.Calibd(bin_dir, tmp_path, vehicle.configuration(tmp_path, dds_domain)) as daemon:
+        reliable = reliability_of_readers(car.left, 6 * slowdown)
+        assert not any(reliable[:3]) and reliable[-1], reliable
+        first = reliable.index(True)
+        assert all(reliable[first:]), reliable
+        with car:
+            daemon.wait_for(lambda: daemon.pair()["evaluated"] >= 1, 30 * slowdown)
+            assert not all(reliability_of_readers(car.left, 3 * slowdown))
 
 
 def first_of_two_fragments(guid, sequence):

@@ -10,7 +10,7 @@ ORDER = ("error_code result file image_header image_codec sha256 config_node wal
 # Implementations of an interface, and private parts, stand beside the header that they serve.
 BESIDE = {"boundary": "camera_models", "camera_brown": "camera_models", "camera_equidistant": "camera_models", "camera_spheres": "camera_models", "drift_evidence": "drift", "drift_estimate": "drift", "depth_stereo": "depth", "stereo_rectification": "depth", "depth_topic": "depth", "depth_onnx": "depth", "depth_onnx_absent": "depth",
           "model_file": "depth_model", "network_image": "depth", "onnx_network": "depth",
-          "joint_histogram": "mutual_information", "ranks": "features", "edges": "features", "rotation_grid": "search", "search_steps": "search", "quadratic_model": "search",
+          "joint_histogram": "mutual_information", "ranks": "features", "edges": "features", "cull": "features", "rotation_grid": "search", "search_steps": "search", "quadratic_model": "search",
           "uncertainty": "search", "recalibration_gates": "recalibrate",
           "json_fields": "record"}
 

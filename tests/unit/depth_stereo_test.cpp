@@ -62,6 +62,51 @@ TEST_CASE("walls at any distance in range have the inverse depth of their dispar
   }
 }
 
+// Physics: the wall is seen by cameras of four times as many pixels in each direction, and one row and one column more,
+// which are matched at half their size. Its grey is interpolated between points three pixels apart.
+// Bound: as for coarse images, a quarter of a pixel of the image at half its size; half of one where the disparity is
+// odd, because matching prefers whole pixels.
+TEST_CASE("of fine images, which are matched at half their size, each pixel has the depth of its disparity") {
+  constexpr int fine_width = 4 * width + 1, fine_height = 4 * height + 1;
+  constexpr double fine_focal = 4 * focal;
+  const Camera fine = test::require_ok(Camera::make(CameraModel::rectified, fine_width, fine_height,
+                                                    {fine_focal, fine_focal, fine_width / 2.0, fine_height / 2.0}));
+  const auto estimator = test::require_ok(make_stereo_depth(fine, baseline_m));
+  const auto grey = [](int u, int v) {
+    double value = 0;
+    for (const auto& [i, j] : {std::pair{0, 0}, {1, 0}, {0, 1}, {1, 1}})
+      value += std::abs(1 - i - u % 3 / 3.0) * std::abs(1 - j - v % 3 / 3.0) *
+               static_cast<double>(vehicle::mix(u / 3 + i + 1000, v / 3 + j) % 200);
+    return static_cast<std::uint8_t>(20 + value);
+  };
+  for (const int far : {4, 13, 30}) {
+    const int near = far + 40;
+    const double bound = far % 2 == 0 ? 0.5 : 1;
+    const auto disparity = [&](int v) { return v < fine_height / 2 ? far : near; };
+    FramePair pair{
+        .image = {{}, fine_width, fine_height, {}}, .right_image = Image{{}, fine_width, fine_height, {}}, .scan = {}};
+    for (int v = 0; v < fine_height; ++v)
+      for (int u = 0; u < fine_width; ++u) {
+        pair.image.pixels.push_back(grey(u, v));
+        pair.right_image->pixels.push_back(grey(u + disparity(v), v));
+      }
+    const DepthMap depth = test::require_ok(estimator->estimate(pair));
+    REQUIRE(depth.inverse_depth.size() == pair.image.pixels.size());
+    int right = 0, wrong = 0;
+    for (int v = 0; v < fine_height; ++v) {
+      if (std::abs(v - fine_height / 2) < 16) continue;  // the matching window sees both
+      const double expected = disparity(v) / (fine_focal * baseline_m);
+      for (int u = 160; u < fine_width; ++u) {
+        const float found = depth.inverse_depth[v * fine_width + u];
+        if (found == DepthMap::no_depth) continue;
+        (std::abs(found - expected) < bound / (fine_focal * baseline_m) ? right : wrong)++;
+      }
+    }
+    CHECK(right > 0.9 * (fine_width - 160) * (fine_height - 32));
+    CHECK(wrong < 0.01 * right);
+  }
+}
+
 TEST_CASE("cameras twice as far apart see the same disparity twice as far away") {
   const FramePair pair = wall([](int) { return 6; });
   const DepthMap once = depth_of(pair, 0.25), twice = depth_of(pair, 0.5);

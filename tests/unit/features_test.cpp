@@ -101,9 +101,13 @@ TEST_CASE("ranks grow with distance and every rank holds its share") {
 TEST_CASE("culling keeps every point that an extrinsic within the bounds brings into view") {
   vehicle::Random random(5);
   // A long lens, KITTI's, and a wide angle, of which the corners are the difficult part.
-  const std::vector<std::vector<double>> lenses{{900, 900, 320, 96}, {372, 372, 318, 90}, {130, 130, 320, 96}};
+  // The last one's image is finer than the grid.
+  const std::vector<std::vector<double>> lenses{
+      {900, 900, 320, 96}, {372, 372, 318, 90}, {130, 130, 320, 96}, {720, 720, 636, 180}};
   for (const auto& intrinsics : lenses) {
-    const Camera camera = test::require_ok(Camera::make(CameraModel::rectified, 640, 192, intrinsics));
+    const bool fine = intrinsics[2] > 600;
+    const Camera camera =
+        test::require_ok(Camera::make(CameraModel::rectified, fine ? 1280 : 640, fine ? 384 : 192, intrinsics));
     for (int trial = 0; trial < 12; ++trial) {
       const SearchBounds bounds{random.uniform(0.01F, 0.2F), random.uniform(0, 0.6F)};
       RigidTransform T = RigidTransform::Identity();  // any mounting, up to two metres from the camera
@@ -143,11 +147,41 @@ TEST_CASE("culling leaves out what no extrinsic within the bounds can bring into
   CHECK(static_cast<double>(kept.points()) < 0.45 * static_cast<double>(around.points.size()));
 }
 
-TEST_CASE("a frame of a 64-beam LiDAR and a 1242 x 375 camera is kept in less than 1.4 MB") {
+TEST_CASE("a frame of a 64-beam LiDAR and a 1242 x 375 camera is kept in less than 0.8 MB") {
   test::SimulatedDrive drive(34, 1242, 375, {.azimuth_step_deg = 0.17});
   const FeatureSet features = drive.features(0);
-  CHECK(features.memory_bytes() < 1'400'000);
+  CHECK(features.memory_bytes() < 800'000);
   CHECK(features.memory_bytes() > 2 * features.planes->packed.size() + 8 * features.points());
+}
+
+TEST_CASE("of a fine rectified image the grid holds every n-th pixel, as wide as a beam of a LiDAR") {
+  const auto [width, height, focal, step] = GENERATE(
+      std::make_tuple(1242, 375, 721.5, 2), std::make_tuple(1920, 1080, 1400.0, 4),
+      std::make_tuple(1283, 721, 1100.0, 2),  // as coarse as leaves 480 columns
+      std::make_tuple(1241, 40, 721.5, 2), std::make_tuple(9600, 16, 12000.0, 1), std::make_tuple(640, 192, 600.0, 1));
+  const Camera camera = test::require_ok(
+      Camera::make(CameraModel::rectified, width, height, {focal, focal, 0.49 * width, 0.46 * height}));
+  DepthMap depth = wall(camera);
+  for (std::size_t i = 0; i < depth.inverse_depth.size(); ++i)  // each pixel its own, the further the greater its index
+    depth.inverse_depth[i] = static_cast<float>(ray_length(camera, i) / (1000 + static_cast<double>(i)));
+  const FeatureSet features =
+      test::require_ok(make_features(only({}), depth, camera, RigidTransform::Identity(), {.min_points = 0}));
+  const BearingGrid& grid = features.planes->grid;
+  CHECK(std::abs(grid.width * step - width) < step);
+  CHECK(std::abs(grid.height * step - height) < step);
+  REQUIRE(features.planes->packed.size() == grid.pixels());
+  int last_rank = 0;
+  for (int v = 0; v < grid.height; ++v)
+    for (int u = 0; u < grid.width; ++u) {
+      const auto uv = camera.project(grid.bearing(u, v));
+      REQUIRE(uv);
+      REQUIRE(uv->x() == Approx(u * step + step / 2).margin(0.01));
+      REQUIRE(uv->y() == Approx(v * step + step / 2).margin(0.01));
+      const int rank = FeaturePlanes::depth.rank(features.planes->packed[v * grid.width + u]);
+      REQUIRE(rank >= last_rank);
+      last_rank = rank;
+    }
+  CHECK(last_rank == FeaturePlanes::depth.rank(FeaturePlanes::depth.put(0, FeatureSet::ranks - 1)));
 }
 
 TEST_CASE("the grid of a lens of any model covers what the lens sees") {
