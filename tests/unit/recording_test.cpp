@@ -166,6 +166,25 @@ TEST_CASE("a list names its frames one by one, relative to itself") {
   CHECK(pair.scan.points.at(0).x_m == 2);
 }
 
+TEST_CASE("a list says how its clouds are written, and who opens it may say otherwise") {
+  const test::TemporaryFolder folder;
+  const fs::path yaml = folder.path() / "list.yaml";
+  write_frame(folder.path() / "a.png", folder.path() / "a.bin", 1);
+  const float points[] = {1, 2, 3, 9, 31, 4, 5, 6, 8, 30};
+  write_file(folder.path() / "a.bin", {reinterpret_cast<const char*>(points), sizeof points});
+  const std::string frame = "frames: [{image: a.png, cloud: a.bin}]\n";
+  write_file(yaml, std::string(list_head) + "cloud_layout: float32x5\n" + frame);
+  auto recording = test::require_ok(open_list(yaml));
+  CHECK(test::require_ok(recording.frame(0)).scan.points.at(1).reflectance == 8);
+  recording.set_cloud_layout({});
+  CHECK(recording.frame(0).error().code == "cloud_unreadable");
+  for (const char* wrong : {"xyzi", "[1, 2]", "4"}) {
+    write_file(yaml, std::string(list_head) + "cloud_layout: " + wrong + "\n" + frame);
+    CHECK(open_list(yaml).error().code == "calibration_malformed");
+  }
+  CHECK(mentions(open_list(yaml).error(), "list.yaml:3: '4' is no layout of a cloud; write float32x4"));
+}
+
 TEST_CASE("a list names folders whose files go together by name") {
   const test::TemporaryFolder folder;
   for (int i = 0; i < 3; ++i)

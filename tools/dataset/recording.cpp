@@ -17,7 +17,7 @@ Result<FramePair> Recording::frame(std::size_t index, Colours colours) const {
   const RecordedFrame& files = frames_.complete[index];
   auto image = read_camera_image(files.image, camera_, colours);
   if (!image) return propagate(image);
-  auto scan = read_cloud(files.cloud);
+  auto scan = read_cloud(files.cloud, cloud_layout_);
   if (!scan) return propagate(scan);
   image->stamp = scan->stamp = index * std::chrono::milliseconds(100);
   FramePair pair{*std::move(image), std::nullopt, *std::move(scan)};

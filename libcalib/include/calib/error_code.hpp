@@ -58,6 +58,7 @@ namespace calib {
   /* tools: calib-eval, calib-sim and calib-replay */                                                            \
   CODE(bad_block) CODE(bad_knock) CODE(no_depth) CODE(no_end) CODE(no_motion) CODE(no_right_images)              \
   CODE(not_made) CODE(not_read) CODE(not_run) CODE(plot_missing) CODE(result_unreadable) CODE(stereo_missing)    \
+  CODE(cloud_layout)                                                                                             \
   CODE(too_few_frames) CODE(unknown_axis)
 // clang-format on
 
