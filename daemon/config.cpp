@@ -17,11 +17,12 @@ constexpr std::size_t max_pairs = 16;
 /// depth further away.
 constexpr DepthRange metric_depth_range{0.5, 200};
 
-std::string frame_id(const ConfigNode& node) {
+void read_frame_id(const ConfigNode& node, FrameName& frame) {
   constexpr std::string_view marks = "ABCDEFGHIJKLMNOPQRSTUVWXYZ_-/";
   const std::string name = node.text();
   if (!is_name(name, marks)) node.refuse("a frame is named with 1 .. 64 letters, digits, _ - and /");
-  return name;
+  frame.name = name;
+  frame.is_given = true;
 }
 
 std::filesystem::path path_or(const ConfigNode& top, std::string_view key,
@@ -61,17 +62,18 @@ SamplingConfig read_sampling(const ConfigNode& node) {
 }
 
 CameraConfig read_camera(const ConfigNode& node) {
-  node.with_keys({"image", "info", "frame_id", "model", "size", "intrinsics", "distortion"});
+  node.with_keys({"image", "info", "frame_id", "bits", "model", "size", "intrinsics", "distortion"});
   CameraConfig camera{.image = read_topic(node.at("image")), .info = {}, .camera = read_camera_model(node)};
   if (const auto info = node.find("info")) camera.info = read_topic(*info);
-  if (const auto frame = node.find("frame_id")) camera.frame_id = frame_id(*frame);
+  if (const auto frame = node.find("frame_id")) read_frame_id(*frame, camera.frame_id);
+  if (const auto bits = node.find("bits")) camera.bits = bits->integer(8, 16);
   return camera;
 }
 
 LidarConfig read_lidar(const ConfigNode& node) {
   node.with_keys({"cloud", "frame_id", "max_points"});
   LidarConfig lidar{.cloud = read_topic(node.at("cloud"))};
-  if (const auto frame = node.find("frame_id")) lidar.frame_id = frame_id(*frame);
+  if (const auto frame = node.find("frame_id")) read_frame_id(*frame, lidar.frame_id);
   if (const auto points = node.find("max_points"))
     lidar.max_points = static_cast<std::uint64_t>(points->integer(1000, static_cast<int>(max_cloud_points)));
   return lidar;

@@ -31,17 +31,30 @@ struct SamplingConfig {
   std::chrono::nanoseconds max_time_difference = std::chrono::milliseconds(50);
 };
 
+/// The frame of a sensor in an extrinsic that is published.
+struct FrameName {
+  std::string name;
+  std::string_view key;   // of the configuration
+  bool is_given = false;  // there
+  /// The one in the sensor's messages, unless the configuration gives one or none was seen.
+  [[nodiscard]] const std::string& or_seen(const std::string& seen) const {
+    return is_given || seen.empty() ? name : seen;
+  }
+};
+
 struct CameraConfig {
   std::string image;
   /// Topic of the CameraInfo whose intrinsics must agree with `camera`.
   std::optional<std::string> info;
-  std::string frame_id = "camera_optical";
+  FrameName frame_id{"camera_optical", "camera.frame_id"};
+  /// Of the 16 in a value of mono16 and the like.
+  int bits = 16;
   Camera camera;
 };
 
 struct LidarConfig {
   std::string cloud;
-  std::string frame_id = "lidar";
+  FrameName frame_id{"lidar", "lidar.frame_id"};
   /// A cloud with more points is refused.
   std::uint64_t max_points = 1'000'000;
 };
