@@ -104,8 +104,8 @@ Result<void> check_jpeg(Bytes bytes) {
                                                            std::to_string(max_jpeg_scans) + " are allowed");
   if (whole && frames == 1 && scans > 0) return {};
   return fail(ErrorCode::malformed_compressed_data, "the JPEG is incomplete: of " + std::to_string(bytes.size()) +
-                                                         " bytes no end of image follows " +
-                                                         std::to_string(scans) + " scans");
+                                                        " bytes no end of image follows " + std::to_string(scans) +
+                                                        " scans");
 }
 
 // PNG: a sequence of chunks, the first of which is IHDR.

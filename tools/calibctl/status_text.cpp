@@ -88,7 +88,7 @@ void pair_lines(Text& text, const PairStatus& pair, const RecordCheck& check, Wa
           (pair.last_evaluated ? ", the last " + duration(seconds_between(*pair.last_evaluated, now)) + " ago" : ""));
   text.wrapped("Skipped", skipped_words(pair));
   for (const auto& [code, remark] : pair.remarks)
-    text.wrapped("Remark", remark.text + " (" + code + ", " + std::to_string(remark.count) + " times)");
+    text.wrapped("Remark", remark.text + " (" + code + ", " + counted(remark.count, "time") + ')');
   if (pair.score)
     text.line("Score", decimals(pair.score->current, 5) + " (best neighbour " +
                            decimals(pair.score->best_neighbour, 5) +
