@@ -12,7 +12,7 @@ namespace calib {
 namespace {
 
 using namespace std::chrono_literals;
-constexpr std::size_t max_pairs = 16;
+constexpr std::size_t max_pairs = 16, max_peers = 32;
 /// Nearer depth belongs to the vehicle itself or is a false match. Stereo and depth cameras of vehicles do not resolve
 /// depth further away.
 constexpr DepthRange metric_depth_range{0.5, 200};
@@ -38,13 +38,25 @@ std::filesystem::path normalized(const std::filesystem::path& folder) {
 }
 
 DdsConfig read_dds(const ConfigNode& node) {
-  node.with_keys({"domain", "interface"});
+  node.with_keys({"domain", "interface", "multicast", "peers"});
   DdsConfig dds;
   if (const auto domain = node.find("domain")) dds.domain = static_cast<std::uint32_t>(domain->integer(0, 230));
   if (const auto interface = node.find("interface")) {
     dds.interface = interface->text();
     if (!is_interface_name(dds.interface)) interface->refuse("needs a network interface such as lo or eth0, or auto");
   }
+  if (const auto multicast = node.find("multicast")) dds.multicast = multicast->boolean();
+  if (const auto peers = node.find("peers")) {
+    const auto items = peers->items();
+    if (items.size() > max_peers)
+      peers->refuse("has " + std::to_string(items.size()) + " addresses where 32 are allowed");
+    for (const ConfigNode& item : items) {
+      dds.peers.push_back(item.text());
+      if (!is_peer_address(dds.peers.back())) item.refuse("needs a host name or an address such as 192.168.1.7");
+    }
+  }
+  if (!dds.multicast && dds.peers.empty())
+    node.at("multicast").refuse("is false, so that peers must say whom calibd tells its presence");
   return dds;
 }
 

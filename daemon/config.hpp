@@ -21,6 +21,9 @@ namespace calib {
 struct DdsConfig {
   std::uint32_t domain = 0;
   std::string interface = "auto";
+  /// Whether others are found by multicast, and the addresses to which calibd tells its presence besides.
+  bool multicast = true;
+  std::vector<std::string> peers = {};
 };
 
 /// Each `period` the topics are read for at most `window`. An image and a scan make a pair when their stamps differ by

@@ -114,7 +114,12 @@ Result<std::unique_ptr<calib::Service>> make_service(calib::Config config, calib
   const auto log = [](int priority, const std::string& line) {
     calib::journal(priority, calib::message_ids::dds_complains, line);
   };
-  auto bus = calib::Bus::open(config.dds.domain, config.dds.interface, calib::max_sample_bytes(config), log);
+  auto bus = calib::Bus::open(config.dds.domain, config.dds.interface, calib::max_sample_bytes(config), log,
+                              {config.dds.multicast, config.dds.peers});
+  if (std::getenv("CYCLONEDDS_URI") != nullptr)
+    log(5,
+        "CYCLONEDDS_URI is set, and calibd does not read it; the key dds of the configuration has what it needs "
+        "(interface, peers, multicast)");
   if (!bus) return propagate(bus);
   return calib::Service::make(std::move(config), std::move(*ledger), calib::make_network(std::move(*bus)),
                               {.status_changed = [&control] { control.interrupt(); }});
