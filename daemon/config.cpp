@@ -199,6 +199,7 @@ Config read_config(const ConfigNode& top, const DefaultFolders& defaults) {
   std::optional<std::filesystem::path> credential;
   if (defaults.credentials) credential = *defaults.credentials / "signing.key";
   config.signing_key = path_or(top, "signing_key", credential);
+  config.signing_key_is_given = top.find("signing_key").has_value();
   if (const auto dds = top.find("dds")) config.dds = read_dds(*dds);
   if (const auto sampling = top.find("sampling")) config.sampling = read_sampling(*sampling);
   config.pairs = read_pairs(top.at("pairs"));

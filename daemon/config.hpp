@@ -113,6 +113,7 @@ struct Config {
   std::filesystem::path runtime_dir;
   DdsConfig dds;
   std::filesystem::path signing_key;
+  bool signing_key_is_given = false;  // in the file
   SamplingConfig sampling;
   std::vector<PairConfig> pairs;
   /// Of the file's bytes, lower-case hex. Each record names the configuration that it was computed under by it.

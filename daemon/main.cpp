@@ -19,6 +19,7 @@
 #include <thread>
 
 #include "build_id.hpp"
+#include "config_check.hpp"
 #include "control.hpp"
 #include "file_limit.hpp"
 #include "journal.hpp"
@@ -183,6 +184,19 @@ int serve(calib::Service& service, calib::ControlSocket& control, int signal_fd)
   return 0;
 }
 
+int report_check(const std::filesystem::path& file, const calib::Config& config) {
+  const std::string name = calib::escape_control(file.string());
+  if (const auto files = calib::check_files(config); !files) {
+    std::fprintf(stderr, "%s: %s\n", name.c_str(), calib::escape_control(files.error().context).c_str());
+    return exit_config;
+  }
+  const auto slips = calib::probable_slips(config);
+  for (const std::string& slip : slips) std::printf("%s: warning: %s\n", name.c_str(), slip.c_str());
+  std::printf("%s: %s, %zu pair%s\n", name.c_str(), slips.empty() ? "good" : "valid", config.pairs.size(),
+              config.pairs.size() == 1 ? "" : "s");
+  return 0;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -210,11 +224,7 @@ int main(int argc, char** argv) {
     std::fprintf(stderr, "%s\n", calib::escape_control(config.error().context).c_str());
     return exit_config;
   }
-  if (check_only) {
-    std::printf("%s: good, %zu pair%s\n", config_file.c_str(), config->pairs.size(),
-                config->pairs.size() == 1 ? "" : "s");
-    return 0;
-  }
+  if (check_only) return report_check(config_file, *config);
   if (auto enough = calib::require_open_files(); !enough) return complain(enough.error(), exit_failed);
   // One core is what a vehicle gives; and one thread more would not change any result.
   cv::setNumThreads(1);
