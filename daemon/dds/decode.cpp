@@ -13,7 +13,8 @@ Result<Timestamp> decode_stamp(const std_msgs_msg_dds__Header_& header) {
 }
 
 MessageNotes notes_of(const std_msgs_msg_dds__Header_& header) {
-  const std::string_view frame_id = header.frame_id != nullptr ? header.frame_id : "";
+  std::string_view frame_id = header.frame_id != nullptr ? header.frame_id : "";
+  if (frame_id.starts_with('/')) frame_id.remove_prefix(1);  // as ROS 1 had it; tf2 takes none
   return {.frame_id = escape_control(frame_id.substr(0, MessageNotes::longest_frame_id)), .remarks = {}};
 }
 

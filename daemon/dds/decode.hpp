@@ -81,8 +81,8 @@ enum class Colour { none, rgb };
 [[nodiscard]] Result<Image> decode_compressed_image(const sensor_msgs_msg_dds__CompressedImage_& message,
                                                     Colour colour = Colour::none, const ImageBound& bound = {});
 
-/// Depth along the optical axis (REP 118): 16UC1 in millimetres, where 0 is no depth, or 32FC1 in metres, where
-/// anything but a positive finite number is no depth.
+/// Depth along the optical axis (REP 118): 16UC1 (or mono16) in millimetres, where 0 is no depth, or 32FC1 in metres,
+/// where anything but a positive finite number is no depth.
 [[nodiscard]] Result<DepthImage> decode_depth(const sensor_msgs_msg_dds__Image_& message, const ImageBound& bound = {});
 
 /// Disparities (32FC1, pixels) of the left image; depth is f t / disparity. A pixel has no depth where the disparity is

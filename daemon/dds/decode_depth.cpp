@@ -97,10 +97,15 @@ Result<DepthImage> decode_depth(const sensor_msgs_msg_dds__Image_& message, cons
   const auto stamp = decode_stamp(message.header);
   if (!stamp) return propagate(stamp);
   const std::string_view encoding = encoding_of(message);
-  if (encoding == "16UC1")
-    return read_pixels<std::uint16_t>(
-        message, *stamp, bound, notes_of(message.header),
-        [](std::uint16_t mm, auto, auto) { return mm > 0 ? 1000.0F / static_cast<float>(mm) : 0; });
+  if (encoding == "16UC1" || encoding == "mono16") {
+    MessageNotes notes = notes_of(message.header);
+    if (encoding == "mono16")
+      add_remark(notes, ErrorCode::malformed_encoding,
+                 "encoding 'mono16' is read as 16UC1, depth in millimetres, since this is a topic of depth");
+    return read_pixels<std::uint16_t>(message, *stamp, bound, std::move(notes), [](std::uint16_t mm, auto, auto) {
+      return mm > 0 ? 1000.0F / static_cast<float>(mm) : 0;
+    });
+  }
   if (encoding == "32FC1")
     return read_pixels<float>(message, *stamp, bound, notes_of(message.header),
                               [](float m, auto, auto) { return m > 0 ? 1 / m : 0; });

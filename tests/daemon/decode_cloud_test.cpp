@@ -153,6 +153,9 @@ TEST_CASE("the frame of a message is kept, cut and escaped") {
   std::string hostile = "\x1b" + std::string(1000, 'f');
   raw.header.frame_id = hostile.data();
   CHECK(require_ok(decode_cloud(raw)).notes.frame_id == "\\x1b" + std::string(127, 'f'));
+  std::string of_ros_1 = "/velodyne";
+  raw.header.frame_id = of_ros_1.data();
+  CHECK(require_ok(decode_cloud(raw)).notes.frame_id == "velodyne");
   raw.header.frame_id = nullptr;
   CHECK(require_ok(decode_cloud(raw)).notes.frame_id.empty());
 }

@@ -49,6 +49,13 @@ TEST_CASE("depth is read in millimetres and metres, in either byte order, with p
   CHECK(depth.stamp == std::chrono::seconds(12) + std::chrono::nanoseconds(345));
 }
 
+TEST_CASE("mono16 on a topic of depth is depth in millimetres, with a remark") {
+  const DepthImage depth = require_ok(decode_depth(picture<std::uint16_t>("mono16", {0, 1000, 2500}).raw()));
+  CHECK(depth.inverse_depth == std::vector<float>{0, 1, 0.4F});
+  REQUIRE(depth.notes.remarks.size() == 1);
+  CHECK(depth.notes.remarks[0].code == ErrorCode::malformed_encoding);
+}
+
 TEST_CASE("pixels without depth have none, and depth is never infinite, negative or NaN") {
   const float inf = std::numeric_limits<float>::infinity(), nan = std::numeric_limits<float>::quiet_NaN();
   CHECK(depths(picture<float>("32FC1", {nan, inf, -inf, -1, 0, 1e-45F})) == std::vector<float>(6));
