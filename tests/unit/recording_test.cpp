@@ -166,6 +166,17 @@ TEST_CASE("a list names its frames one by one, relative to itself") {
   CHECK(pair.scan.points.at(0).x_m == 2);
 }
 
+TEST_CASE("extensions are read in either case") {
+  const test::TemporaryFolder folder;
+  write_frame(folder.path() / "images/0.png", folder.path() / "clouds/0.bin", 1);
+  fs::rename(folder.path() / "images/0.png", folder.path() / "images/0.PNG");
+  fs::rename(folder.path() / "clouds/0.bin", folder.path() / "clouds/0.BIN");
+  write_file(folder.path() / "list.yaml", std::string(list_head) + "images: images\nclouds: clouds\n");
+  const auto recording = test::require_ok(open_list(folder.path() / "list.yaml"));
+  REQUIRE(recording.size() == 1);
+  CHECK(test::require_ok(recording.frame(0)).scan.points.at(0).x_m == 1);
+}
+
 TEST_CASE("a list says how its clouds are written, and who opens it may say otherwise") {
   const test::TemporaryFolder folder;
   const fs::path yaml = folder.path() / "list.yaml";

@@ -6,6 +6,7 @@
 
 #include "calib/file.hpp"
 #include "dataset/cloud_points.hpp"
+#include "dataset/extension.hpp"
 #include "dataset/pcd_file.hpp"
 
 namespace calib {
@@ -38,8 +39,8 @@ Result<LidarScan> read_bin(std::string_view bytes, const fs::path& path, const s
 
 Result<LidarScan> read_cloud(const fs::path& path, const std::optional<CloudLayout>& layout) {
   constexpr std::uint64_t most_bytes = 256 << 20;
-  const bool pcd = path.extension() == ".pcd";
-  if (!pcd && path.extension() != ".bin")
+  const bool pcd = extension_of(path) == ".pcd";
+  if (!pcd && extension_of(path) != ".bin")
     return fail(ErrorCode::cloud_unreadable, path.string() + " is neither .bin nor .pcd");
   const auto bytes = read_regular_file(path, most_bytes);
   if (!bytes) return fail(ErrorCode::cloud_unreadable, bytes.error().context);
