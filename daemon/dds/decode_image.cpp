@@ -5,6 +5,7 @@
 #include <span>
 #include <string_view>
 
+#include "calib/image_bits.hpp"
 #include "calib/image_codec.hpp"
 #include "dds/compressed_probe.hpp"
 #include "dds/decode.hpp"
@@ -94,16 +95,6 @@ std::uint32_t scale_to_8_bit(const sensor_msgs_msg_dds__Image_& message, std::ui
   return greatest;
 }
 
-/// A camera of 10, 12 or 14 bits whose driver does not shift them up makes images that seem to be dark.
-void remark_on_bits(std::uint32_t greatest, int bits, MessageNotes& notes) {
-  for (const int fewer : {10, 12, 14})
-    if (const std::uint32_t end = 1U << fewer; fewer < bits && greatest > 0 && greatest < end)
-      return add_remark(notes, ErrorCode::image_bits,
-                        "its values of 16 bits stay below " + std::to_string(end) + " (the greatest is " +
-                            std::to_string(greatest) + "); if the camera has " + std::to_string(fewer) +
-                            " bits, write camera.bits: " + std::to_string(fewer));
-}
-
 /// Converts into `out`, which has the right size: that of `in`, unless another one is given.
 Result<void> convert(const cv::Mat& in, int conversion, int type, std::vector<std::uint8_t>& out,
                      std::optional<ImageSize> size = std::nullopt) {
@@ -181,7 +172,8 @@ Result<Image> decode_image(const sensor_msgs_msg_dds__Image_& message, Colour co
     if (!grey) scaled.resize(row_values * message.height);
     const std::uint32_t greatest = scale_to_8_bit(message, *step, row_values, bound.significant_bits(),
                                                   grey ? image.pixels.data() : scaled.data());
-    remark_on_bits(greatest, bound.significant_bits(), image.notes);
+    if (auto fewer = fewer_bits(greatest, bound.significant_bits()))
+      add_remark(image.notes, ErrorCode::image_bits, *std::move(fewer));
     if (grey) return image;
     in = cv::Mat(image.height, image.width, encoding->opencv_type, scaled.data());
   }

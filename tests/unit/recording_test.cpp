@@ -260,6 +260,10 @@ TEST_CASE("a list that is wrong says where and what") {
                 "bad_camera", "list.yaml: camera model 'pinhole'"},
            Case{"camera: {model: rectified, size: [32], intrinsics: [20, 20, 3, 4]}\nT_camera_lidar: {}\n" + frame,
                 "calibration_malformed", "size is not [width, height]"},
+           Case{"camera: {model: rectified, size: [32, 16], intrinsics: [20, 20, 3, 4], bits: 17}\nT_camera_lidar:\n"
+                "  {translation_m: [0, 0, 0], quaternion_xyzw: [0, 0, 0, 1]}\n" +
+                    frame,
+                "calibration_malformed", "list.yaml:1: bits is not within 8 .. 16"},
            Case{"camera: {model: rectified, size: [32, 16], intrinsics: [20, 20, 3, 4]}\nT_camera_lidar: {matrix: "
                 "[[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}\n" +
                     frame,
@@ -359,6 +363,20 @@ TEST_CASE("a written list reads back as it was") {
 
   write_file(folder.path() / "file", "");
   CHECK(ListWriter::create(folder.path() / "file/out", camera, T_camera_lidar).error().code == "write_failed");
+}
+
+TEST_CASE("16-bit images are scaled by the bits of their camera, and remarked when they seem to have fewer") {
+  const test::TemporaryFolder folder;
+  const fs::path path = folder.path() / "deep.pgm";
+  write_file(path, std::string("P5 4 1 65535\n\x0f\xff\x08\x00\x00\x10\x00\x00", 21));  // 4095, 2048, 16, 0
+  const Image dark = test::require_ok(read_image(path));
+  CHECK(dark.pixels == std::vector<std::uint8_t>{15, 8, 0, 0});
+  REQUIRE(dark.notes.remarks.size() == 1);
+  CHECK(dark.notes.remarks[0].code == ErrorCode::image_bits);
+  CHECK(mentions(dark.notes.remarks[0], "stay below 4096 (the greatest is 4095); if the camera has 12 bits, write"));
+  const Image scaled = test::require_ok(read_image(path, Colours::rgb, std::nullopt, 12));
+  CHECK(scaled.pixels == std::vector<std::uint8_t>{255, 128, 1, 0});
+  CHECK(scaled.notes.remarks.empty());
 }
 
 TEST_CASE("images are read in colour when that is asked for and the file has it, and their grey is the same") {

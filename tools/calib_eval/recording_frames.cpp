@@ -273,6 +273,9 @@ Result<RecordingFrames> RecordingFrames::read(const RecordingOptions& options) {
     Reading& reading = readings[i];
     if (!reading.pair) return propagate(reading.pair);
     if (i == 0)
+      for (const Error& noted : reading.pair->image.notes.remarks)
+        recording_frames.remarks.push_back("image of frame " + source->names[indices[i]] + ": " + noted.context);
+    if (i == 0)
       if (auto plausible = check_first(reading, recording_frames); !plausible) return propagate(plausible);
     const std::string& name = source->names[indices[i]];
     if (reading.useless)

@@ -45,7 +45,7 @@ T value(const YAML::Node& parent, const char* key, const char* what) {
 }
 
 Result<Camera> read_camera(const YAML::Node& node) {
-  check_keys(node, "camera", {"model", "size", "intrinsics", "distortion"});
+  check_keys(node, "camera", {"model", "size", "intrinsics", "distortion", "bits"});
   const auto model = parse_camera_model(value<std::string>(node, "model", "the name of a camera model"));
   if (!model) return propagate(model);
   const auto size = value<std::vector<int>>(node, "size", "[width, height]");
@@ -126,6 +126,11 @@ Result<Recording> read_frames_and_calibration(const YAML::Node& root, const fs::
 
 Result<Recording> read_list(const YAML::Node& root, const fs::path& folder) {
   auto recording = read_frames_and_calibration(root, folder);
+  if (recording && root["camera"]["bits"]) {
+    const int bits = value<int>(root["camera"], "bits", "a number of bits");
+    if (bits < 8 || bits > 16) throw Malformed{root["camera"]["bits"].Mark(), "bits is not within 8 .. 16"};
+    recording->set_image_bits(bits);
+  }
   if (!recording || !root["cloud_layout"]) return recording;
   const auto layout = parse_cloud_layout(value<std::string>(root, "cloud_layout", "a layout such as float32x4"));
   if (!layout) throw Malformed{root["cloud_layout"].Mark(), layout.error().context};
