@@ -12,16 +12,17 @@ namespace calib {
 namespace {
 
 using namespace std::chrono_literals;
-constexpr std::size_t max_pairs = 16;
+constexpr std::size_t max_pairs = 16, max_peers = 32;
 /// Nearer depth belongs to the vehicle itself or is a false match. Stereo and depth cameras of vehicles do not resolve
 /// depth further away.
 constexpr DepthRange metric_depth_range{0.5, 200};
 
-std::string frame_id(const ConfigNode& node) {
+void read_frame_id(const ConfigNode& node, FrameName& frame) {
   constexpr std::string_view marks = "ABCDEFGHIJKLMNOPQRSTUVWXYZ_-/";
   const std::string name = node.text();
   if (!is_name(name, marks)) node.refuse("a frame is named with 1 .. 64 letters, digits, _ - and /");
-  return name;
+  frame.name = name;
+  frame.is_given = true;
 }
 
 std::filesystem::path path_or(const ConfigNode& top, std::string_view key,
@@ -37,13 +38,25 @@ std::filesystem::path normalized(const std::filesystem::path& folder) {
 }
 
 DdsConfig read_dds(const ConfigNode& node) {
-  node.with_keys({"domain", "interface"});
+  node.with_keys({"domain", "interface", "multicast", "peers"});
   DdsConfig dds;
   if (const auto domain = node.find("domain")) dds.domain = static_cast<std::uint32_t>(domain->integer(0, 230));
   if (const auto interface = node.find("interface")) {
     dds.interface = interface->text();
     if (!is_interface_name(dds.interface)) interface->refuse("needs a network interface such as lo or eth0, or auto");
   }
+  if (const auto multicast = node.find("multicast")) dds.multicast = multicast->boolean();
+  if (const auto peers = node.find("peers")) {
+    const auto items = peers->items();
+    if (items.size() > max_peers)
+      peers->refuse("has " + std::to_string(items.size()) + " addresses where 32 are allowed");
+    for (const ConfigNode& item : items) {
+      dds.peers.push_back(item.text());
+      if (!is_peer_address(dds.peers.back())) item.refuse("needs a host name or an address such as 192.168.1.7");
+    }
+  }
+  if (!dds.multicast && dds.peers.empty())
+    node.at("multicast").refuse("is false, so that peers must say whom calibd tells its presence");
   return dds;
 }
 
@@ -61,17 +74,18 @@ SamplingConfig read_sampling(const ConfigNode& node) {
 }
 
 CameraConfig read_camera(const ConfigNode& node) {
-  node.with_keys({"image", "info", "frame_id", "model", "size", "intrinsics", "distortion"});
+  node.with_keys({"image", "info", "frame_id", "bits", "model", "size", "intrinsics", "distortion"});
   CameraConfig camera{.image = read_topic(node.at("image")), .info = {}, .camera = read_camera_model(node)};
   if (const auto info = node.find("info")) camera.info = read_topic(*info);
-  if (const auto frame = node.find("frame_id")) camera.frame_id = frame_id(*frame);
+  if (const auto frame = node.find("frame_id")) read_frame_id(*frame, camera.frame_id);
+  if (const auto bits = node.find("bits")) camera.bits = bits->integer(8, 16);
   return camera;
 }
 
 LidarConfig read_lidar(const ConfigNode& node) {
   node.with_keys({"cloud", "frame_id", "max_points"});
   LidarConfig lidar{.cloud = read_topic(node.at("cloud"))};
-  if (const auto frame = node.find("frame_id")) lidar.frame_id = frame_id(*frame);
+  if (const auto frame = node.find("frame_id")) read_frame_id(*frame, lidar.frame_id);
   if (const auto points = node.find("max_points"))
     lidar.max_points = static_cast<std::uint64_t>(points->integer(1000, static_cast<int>(max_cloud_points)));
   return lidar;
@@ -187,6 +201,7 @@ Config read_config(const ConfigNode& top, const DefaultFolders& defaults) {
   std::optional<std::filesystem::path> credential;
   if (defaults.credentials) credential = *defaults.credentials / "signing.key";
   config.signing_key = path_or(top, "signing_key", credential);
+  config.signing_key_is_given = top.find("signing_key").has_value();
   if (const auto dds = top.find("dds")) config.dds = read_dds(*dds);
   if (const auto sampling = top.find("sampling")) config.sampling = read_sampling(*sampling);
   config.pairs = read_pairs(top.at("pairs"));

@@ -21,6 +21,9 @@ namespace calib {
 struct DdsConfig {
   std::uint32_t domain = 0;
   std::string interface = "auto";
+  /// Whether others are found by multicast, and the addresses to which calibd tells its presence besides.
+  bool multicast = true;
+  std::vector<std::string> peers = {};
 };
 
 /// Each `period` the topics are read for at most `window`. An image and a scan make a pair when their stamps differ by
@@ -31,17 +34,30 @@ struct SamplingConfig {
   std::chrono::nanoseconds max_time_difference = std::chrono::milliseconds(50);
 };
 
+/// The frame of a sensor in an extrinsic that is published.
+struct FrameName {
+  std::string name;
+  std::string_view key;   // of the configuration
+  bool is_given = false;  // there
+  /// The one in the sensor's messages, unless the configuration gives one or none was seen.
+  [[nodiscard]] const std::string& or_seen(const std::string& seen) const {
+    return is_given || seen.empty() ? name : seen;
+  }
+};
+
 struct CameraConfig {
   std::string image;
   /// Topic of the CameraInfo whose intrinsics must agree with `camera`.
   std::optional<std::string> info;
-  std::string frame_id = "camera_optical";
+  FrameName frame_id{"camera_optical", "camera.frame_id"};
+  /// Of the 16 in a value of mono16 and the like.
+  int bits = 16;
   Camera camera;
 };
 
 struct LidarConfig {
   std::string cloud;
-  std::string frame_id = "lidar";
+  FrameName frame_id{"lidar", "lidar.frame_id"};
   /// A cloud with more points is refused.
   std::uint64_t max_points = 1'000'000;
 };
@@ -103,6 +119,7 @@ struct Config {
   std::filesystem::path runtime_dir;
   DdsConfig dds;
   std::filesystem::path signing_key;
+  bool signing_key_is_given = false;  // in the file
   SamplingConfig sampling;
   std::vector<PairConfig> pairs;
   /// Of the file's bytes, lower-case hex. Each record names the configuration that it was computed under by it.

@@ -113,6 +113,8 @@ void diagnose_pair(const DiagnosisInput& input, Network& network, DepthSource& d
   const std::string& name = input.pair.name;
   PairObservation seen{.camera = input.pair.camera.camera, .depth_kind = depth_kind(input.pair.depth)};
   seen.pair = name;
+  seen.camera_frame = input.pair.camera.frame_id;
+  seen.lidar_frame = input.pair.lidar.frame_id;
   seen.domain = input.dds.domain;
   seen.interface = input.dds.interface;
   seen.min_valid_depth = QualityLimits{}.min_valid_depth;

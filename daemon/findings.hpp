@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "calib/extrinsic_check.hpp"
+#include "config.hpp"
 #include "dds/decode.hpp"
 #include "dds/discovery.hpp"
 #include "depth/kind.hpp"
@@ -29,6 +30,9 @@ struct TopicObservation {
   /// Number of messages that could not be used, by the word of their error code.
   std::map<std::string, std::uint64_t> malformed{};
   std::string malformed_context{};  // of the last one
+  /// What was wrong in messages that were used all the same, by the word of its code: the last one.
+  std::map<std::string, Error> remarks{};
+  std::string frame_id{};  // of the last message, escaped; empty where it names none
   /// Arrival minus stamp, of the message for which it is nearest to zero.
   std::optional<std::chrono::nanoseconds> age{};
   std::optional<std::chrono::nanoseconds> last_stamp{};
@@ -57,6 +61,8 @@ struct PairObservation {
   std::optional<std::string> companion_mismatch{};
   std::optional<CameraInfo> camera_info{};
   std::optional<CloudStatistics> cloud{};
+  bool has_reflectance = true;              // of the cloud
+  FrameName camera_frame{}, lidar_frame{};  // as configured
   /// Of a pair of samples, or why there is none.
   Result<std::chrono::nanoseconds> time_difference = fail(ErrorCode::sensor_silent, "nothing arrived");
   /// Why the scene is not suitable (dark, ...).
@@ -82,8 +88,9 @@ struct Finding {
   std::string code, seen, cause, remedy;
 };
 
-/// One finding per topic, then `clock`, `pairing`, `image_size`, `lens`, `cloud_range`, `scene`, `depth`, `extrinsic`
-/// and `agreement`. A check whose result would only follow from a problem that was found before is `not_checked`.
+/// One finding per topic, then `clock`, `frames`, `pairing`, `image_size`, `lens`, `cloud_range`, `scene`, `depth`,
+/// `extrinsic` and `agreement`. A check whose result would only follow from a problem that was found before is
+/// `not_checked`.
 [[nodiscard]] std::vector<Finding> diagnose(const PairObservation& seen);
 
 /// The part of `diagnose` about topics, clocks and pairing.

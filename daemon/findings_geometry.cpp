@@ -4,13 +4,17 @@
 #include <array>
 #include <cmath>
 
+#include "camera_info_check.hpp"
 #include "findings.hpp"
+#include "message_faults.hpp"
 
 namespace calib {
 namespace {
 
 /// Rank correlation of depth and cloud: above `agreeing` they agree, below `unrelated` they do not.
 constexpr double agreeing = 0.5, unrelated = 0.3;
+/// By how much one lens must agree better than another.
+constexpr double clear_difference = 0.05;
 
 Finding fine(std::string check, std::string what) {
   return {std::move(check), FindingResult::ok, {}, std::move(what), {}, {}};
@@ -60,12 +64,17 @@ std::string lens_words(const CameraInfo& info) {
   return is_distorted(info) ? "model " + std::string(to_string(info.model)) : "no distortion";
 }
 
+/// Whether depth agrees clearly better with the lens of CameraInfo than with the configured one.
+bool info_agrees_better(const PairObservation& seen) {
+  const auto& given = seen.extrinsic ? seen.extrinsic->agreement : std::nullopt;
+  const auto& other = seen.info_agreement;
+  return other && (!given || other->rank_correlation > given->rank_correlation + clear_difference);
+}
+
 /// CameraInfo does not say whether the images are rectified. The name of the topic does by convention, and depth agrees
 /// better with the right one.
 Finding judge_rectified(const PairObservation& seen, const std::string& what) {
-  const auto& given = seen.extrinsic ? seen.extrinsic->agreement : std::nullopt;
-  const auto& other = seen.info_agreement;
-  const bool better = other && (!given || other->rank_correlation > given->rank_correlation + 0.05);
+  const bool better = info_agrees_better(seen);
   const bool named = std::ranges::any_of(seen.topics, [](const TopicObservation& topic) {
     return topic.check == "image" && topic.topic.find("rect") != std::string::npos;
   });
@@ -77,16 +86,40 @@ Finding judge_rectified(const PairObservation& seen, const std::string& what) {
   return finding;
 }
 
+/// CameraInfo names another model than the configuration. Drivers name models wrongly, plumb_bob for a fisheye for
+/// example, so that a name alone is a warning: depth decides.
+Finding judge_model(const PairObservation& seen, const std::string& what, bool intrinsics_differ) {
+  const CameraInfo& info = *seen.camera_info;
+  Finding finding =
+      problem("lens", "wrong_lens_model", what, "camera.model is " + std::string(to_string(seen.camera.model())),
+              is_distorted(info) ? fmt::format("write model: {} and its distortion", to_string(info.model))
+                                 : "write model: rectified, without distortion");
+  const auto& given = seen.extrinsic ? seen.extrinsic->agreement : std::nullopt;
+  if (intrinsics_differ || !given || !seen.info_agreement || info_agrees_better(seen)) return finding;
+  // One without distortion is no label: a fisheye that was rectified has none.
+  const bool clearly_worse = seen.info_agreement->rank_correlation < given->rank_correlation - clear_difference;
+  if (!is_distorted(info) && !clearly_worse) return finding;
+  finding.result = FindingResult::warning;
+  finding.seen += fmt::format("; depth agrees no better with that lens ({:.2f}) than with the configured one ({:.2f})",
+                              seen.info_agreement->rank_correlation, given->rank_correlation);
+  finding.cause += ", or the driver names the model of its lens wrongly";
+  finding.remedy = "leave it if the configuration is that of a calibration; else " + finding.remedy;
+  return finding;
+}
+
 Finding judge_lens(const PairObservation& seen, const std::vector<Finding>& findings) {
   if (!seen.camera_info) return not_checked("lens", "no CameraInfo arrived to compare the configured lens with");
   if (has_problem(findings, {"image_size"})) return not_checked("lens", "correct the size of the image first");
   const CameraInfo& info = *seen.camera_info;
   const Camera& camera = seen.camera;
-  if (info.width != camera.width() || info.height != camera.height())
-    return problem("lens", "camera_info_mismatch",
-                   "CameraInfo is for " + size_words(info.width, info.height) + " pixels",
-                   "it is another camera's, or the configuration is for another resolution",
-                   "correct camera.size and intrinsics, or camera.info");
+  const auto differs = contradiction(info, camera);
+  if (differs && differs->of == CameraInfoContradiction::Of::size)
+    return problem("lens", "camera_info_mismatch", differs->seen,
+                   info.reduced_from.empty()
+                       ? "it is another camera's, or the configuration is for another resolution"
+                       : "the driver applies binning or roi to width, height and K already, and states them once more; "
+                         "or the configuration is for another resolution",
+                   "correct camera.size and intrinsics, or camera.info; without camera.info it is not compared");
   if (is_unknown_to_camera_info(camera.model()))
     return not_checked("lens", "CameraInfo cannot describe the model " + std::string(to_string(camera.model())));
   const std::string what = "CameraInfo describes " + lens_words(info);
@@ -94,23 +127,11 @@ Finding judge_lens(const PairObservation& seen, const std::vector<Finding>& find
   const bool straight = std::ranges::all_of(camera.distortion(), [](double value) { return value == 0; });
   if (!rectified &&
       (is_distorted(info) ? info.model != camera.model() : !straight || camera.model() == CameraModel::equidistant))
-    return problem("lens", "wrong_lens_model", what, "camera.model is " + std::string(to_string(camera.model())),
-                   is_distorted(info) ? fmt::format("write model: {} and its distortion", to_string(info.model))
-                                      : "write model: rectified, without distortion");
-  const bool from_p = rectified && info.P[0] > 0;
-  const std::array<double, 4> theirs = from_p ? std::array{info.P[0], info.P[5], info.P[2], info.P[6]}
-                                              : std::array{info.K[0], info.K[4], info.K[2], info.K[5]};
-  const std::array<double, 4> ours{camera.fx(), camera.fy(), camera.cx(), camera.cy()};
-  const auto list = [](const std::array<double, 4>& v) {
-    return fmt::format("[{:.2f}, {:.2f}, {:.2f}, {:.2f}]", v[0], v[1], v[2], v[3]);
-  };
-  for (std::size_t i = 0; i < ours.size(); ++i)
-    if (std::abs(theirs[i] - ours[i]) > 0.5)
-      return problem(
-          "lens", "intrinsics_mismatch",
-          fmt::format("CameraInfo's {} has {}, camera.intrinsics are {}", from_p ? "P" : "K", list(theirs), list(ours)),
-          "the intrinsics are another camera's, or of another resolution or calibration",
-          "write the intrinsics of CameraInfo, if that is the right one");
+    return judge_model(seen, what, differs.has_value());
+  if (differs)
+    return problem("lens", "intrinsics_mismatch", differs->seen,
+                   "the intrinsics are another camera's, or of another resolution or calibration",
+                   "write the intrinsics of CameraInfo, if that is the right one");
   if (rectified && is_distorted(info)) return judge_rectified(seen, what);
   return fine("lens", what + ", with the configured intrinsics");
 }
@@ -135,10 +156,12 @@ Finding judge_cloud_range(const PairObservation& seen) {
   const CloudStatistics& cloud = *seen.cloud;
   const std::uint64_t measured = cloud.points - cloud.not_finite - cloud.at_origin;
   const std::string what = fmt::format("{} points, {} of them measured, median range {:.4g} m, {} beyond 500 m",
-                                       cloud.points, measured, cloud.median_range_m, cloud.too_far);
+                                       cloud.points, measured, cloud.median_range_m, cloud.too_far) +
+                           (seen.has_reflectance ? "" : ", without reflectance (no field intensity or the like)");
   if (measured == 0)
     return problem("cloud_range", "empty_cloud", what, "the LiDAR measures nothing, or its driver drops all points",
                    "check the log of the LiDAR's driver");
+  if (cloud.median_range_m <= 0) return not_checked("cloud_range", what);
   if (const std::string unit = probable_unit(cloud.median_range_m); !unit.empty())
     return problem("cloud_range", "cloud_unit", what, "its points look like " + unit,
                    "make the driver publish metres, the unit of sensor_msgs/PointCloud2");
@@ -152,8 +175,23 @@ Finding judge_cloud_range(const PairObservation& seen) {
   return fine("cloud_range", what);
 }
 
+/// A remark of that code on a topic.
+const Error* remark(const PairObservation& seen, std::string_view check, ErrorCode code) {
+  const auto topic = std::ranges::find(seen.topics, check, &TopicObservation::check);
+  if (topic == seen.topics.end()) return nullptr;
+  const auto found = topic->remarks.find(std::string(to_string(code)));
+  return found == topic->remarks.end() ? nullptr : &found->second;
+}
+
 Finding judge_scene(const PairObservation& seen) {
   if (!seen.time_difference) return not_checked("scene", "there is no pair of samples");
+  if (const auto bits = remark(seen, "image", ErrorCode::image_bits); bits && seen.scene)
+    return {"scene",
+            FindingResult::warning,
+            std::string(to_string(ErrorCode::image_bits)),
+            seen.scene->context + "; " + bits->context,
+            std::string(message_fault(ErrorCode::image_bits).cause),
+            std::string(message_fault(ErrorCode::image_bits).remedy)};
   if (!seen.scene) return fine("scene", "there is enough light, texture and points");
   return {"scene",
           FindingResult::warning,
@@ -186,6 +224,12 @@ Finding judge_depth(const PairObservation& seen) {
                    what + fmt::format(", {:.0f} % with left and right exchanged", 100 * seen.swapped->valid_share),
                    "camera.image is the right camera's and the right image the left one's",
                    "exchange the two topics in the configuration");
+  if (const auto* sign = remark(seen, "depth_topic", ErrorCode::malformed_disparity_sign);
+      sign && seen.depth->valid_share < seen.min_valid_depth) {
+    const MessageFault& fault = message_fault(sign->code);
+    return problem("depth", std::string(to_string(sign->code)), what + "; " + sign->context, std::string(fault.cause),
+                   std::string(fault.remedy));
+  }
   if (seen.depth->valid_share < seen.min_valid_depth)
     return problem("depth", "few_valid_depth", what, "the depth source does not get the images that it was made for",
                    std::string(seen.depth_kind.remedies.few_valid));

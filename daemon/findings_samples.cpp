@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "findings.hpp"
+#include "message_faults.hpp"
 
 namespace calib {
 namespace {
@@ -64,6 +65,10 @@ Finding problem(const std::string& check, std::string code, std::string what, st
   return {check, FindingResult::problem, std::move(code), std::move(what), std::move(cause), std::move(remedy)};
 }
 
+const MessageFault& fault_of(const std::string& code) {
+  return message_fault(parse_error_code(code).value_or(ErrorCode::internal_error));
+}
+
 Finding not_published(const PairObservation& seen, const TopicObservation& topic) {
   if (const RemoteWriter* meant = nearest_topic(seen, topic))
     return problem(topic.check, "wrong_topic", "nobody publishes " + topic.topic,
@@ -74,8 +79,9 @@ Finding not_published(const PairObservation& seen, const TopicObservation& topic
     return problem(
         topic.check, "nobody_heard", "nobody publishes " + topic.topic,
         fmt::format("no other DDS participant is found in domain {} on interface {}", seen.domain, seen.interface),
-        "compare dds.domain with the vehicle's ROS_DOMAIN_ID and dds.interface with the network that its "
-        "sensors are on; is multicast let through?");
+        "compare dds.domain with the vehicle's ROS_DOMAIN_ID and dds.interface with the network that its sensors are "
+        "on; "
+        "where the network lets no multicast through, write their addresses as dds.peers (CYCLONEDDS_URI is not read)");
   return problem(
       topic.check, "no_publisher", "nobody publishes " + topic.topic,
       fmt::format("its driver does not run, or publishes {} under a name that another setting uses", topic.type),
@@ -103,10 +109,26 @@ Finding nothing_usable(const TopicObservation& topic, const PairObservation& see
         "check the driver's log, and net.core.rmem_max (calibd's package sets it)");
   const auto& [code, count] =
       *std::ranges::max_element(topic.malformed, {}, [](const auto& each) { return each.second; });
-  return problem(topic.check, code,
-                 fmt::format("{} cannot be used: {}", counted(count, "message"), topic.malformed_context),
-                 "the messages are inconsistent, or of a variant that calibd does not read",
-                 "correct the driver's settings; calibd's documentation lists the bounds");
+  const MessageFault& fault = fault_of(code);
+  Finding finding = problem(topic.check, code,
+                            fmt::format("{} cannot be used: {}", counted(count, "message"), topic.malformed_context),
+                            std::string(fault.cause), std::string(fault.remedy));
+  // Nothing depends on a topic that is not configured.
+  if (!topic.configured) finding.result = FindingResult::warning;
+  return finding;
+}
+
+/// What was wrong in messages that were used all the same, the first by its code.
+void add_remarks(const TopicObservation& topic, Finding& finding) {
+  for (const auto& [code, remark] : topic.remarks) {
+    finding.seen += "; " + remark.context;
+    if (finding.result != FindingResult::ok) continue;
+    const MessageFault& fault = message_fault(remark.code);
+    finding.result = FindingResult::warning;
+    finding.code = code;
+    finding.cause = fault.cause;
+    finding.remedy = fault.remedy;
+  }
 }
 
 Finding judge_topic(const PairObservation& seen, const TopicObservation& topic) {
@@ -132,8 +154,8 @@ Finding judge_topic(const PairObservation& seen, const TopicObservation& topic) 
     finding.result = FindingResult::warning;
     finding.code = topic.malformed.begin()->first;
     finding.seen += "; others cannot be used: " + topic.malformed_context;
-    finding.cause = "some of its messages are inconsistent, or of a variant that calibd does not read";
-    finding.remedy = "correct the driver's settings, or find another publisher of this topic";
+    finding.cause = fault_of(finding.code).cause;
+    finding.remedy = fault_of(finding.code).remedy;
   } else if (fitting.size() > 1) {
     finding.result = FindingResult::warning;
     finding.code = "several_publishers";
@@ -141,7 +163,37 @@ Finding judge_topic(const PairObservation& seen, const TopicObservation& topic) 
     finding.cause = "two drivers, or a driver and a replay, publish the same topic";
     finding.remedy = "stop all but one of them";
   }
+  add_remarks(topic, finding);
   return finding;
+}
+
+/// Which frames an extrinsic that is proposed would name.
+Finding judge_frames(const PairObservation& seen) {
+  const auto frame_of = [&](std::string_view check) {
+    const auto topic = std::ranges::find(seen.topics, check, &TopicObservation::check);
+    return topic == seen.topics.end() ? std::string() : topic->frame_id;
+  };
+  std::string what, differing, keys;
+  const auto look = [&](std::string_view check, const FrameName& configured) {
+    const std::string frame = frame_of(check);
+    what += fmt::format("{}{}: {}", what.empty() ? "" : ", ", check, frame.empty() ? "no frame" : "'" + frame + "'");
+    if (!configured.is_given || frame.empty() || frame == configured.name) return;
+    differing += fmt::format("{}{} is '{}'", differing.empty() ? "" : ", ", configured.key, configured.name);
+    keys += (keys.empty() ? "" : " and ") + std::string(configured.key);
+  };
+  look("image", seen.camera_frame);
+  look("cloud", seen.lidar_frame);
+  if (!differing.empty())
+    return {"frames",
+            FindingResult::warning,
+            std::string(to_string(ErrorCode::frame_id_mismatch)),
+            what + "; " + differing,
+            "the configuration names a frame that these sensors do not have, and so does every extrinsic that calibd "
+            "publishes",
+            "leave " + keys + " out to have the frames of the messages, or write those"};
+  if (frame_of("image").empty() && frame_of("cloud").empty())
+    return {"frames", FindingResult::not_checked, {}, "no message names a frame", {}, {}};
+  return {"frames", FindingResult::ok, {}, what, {}, {}};
 }
 
 bool has_clock(const TopicObservation& topic) {
@@ -213,6 +265,7 @@ Finding judge_pairing(const PairObservation& seen, const std::vector<Finding>& f
 void diagnose_samples(const PairObservation& seen, std::vector<Finding>& findings) {
   for (const TopicObservation& topic : seen.topics) findings.push_back(judge_topic(seen, topic));
   findings.push_back(judge_clock(seen));
+  findings.push_back(judge_frames(seen));
   findings.push_back(judge_pairing(seen, findings));
 }
 

@@ -19,6 +19,7 @@
 #include <thread>
 
 #include "build_id.hpp"
+#include "config_check.hpp"
 #include "control.hpp"
 #include "file_limit.hpp"
 #include "journal.hpp"
@@ -114,7 +115,12 @@ Result<std::unique_ptr<calib::Service>> make_service(calib::Config config, calib
   const auto log = [](int priority, const std::string& line) {
     calib::journal(priority, calib::message_ids::dds_complains, line);
   };
-  auto bus = calib::Bus::open(config.dds.domain, config.dds.interface, calib::max_sample_bytes(config), log);
+  auto bus = calib::Bus::open(config.dds.domain, config.dds.interface, calib::max_sample_bytes(config), log,
+                              {config.dds.multicast, config.dds.peers});
+  if (std::getenv("CYCLONEDDS_URI") != nullptr)
+    log(5,
+        "CYCLONEDDS_URI is set, and calibd does not read it; the key dds of the configuration has what it needs "
+        "(interface, peers, multicast)");
   if (!bus) return propagate(bus);
   return calib::Service::make(std::move(config), std::move(*ledger), calib::make_network(std::move(*bus)),
                               {.status_changed = [&control] { control.interrupt(); }});
@@ -178,6 +184,19 @@ int serve(calib::Service& service, calib::ControlSocket& control, int signal_fd)
   return 0;
 }
 
+int report_check(const std::filesystem::path& file, const calib::Config& config) {
+  const std::string name = calib::escape_control(file.string());
+  if (const auto files = calib::check_files(config); !files) {
+    std::fprintf(stderr, "%s: %s\n", name.c_str(), calib::escape_control(files.error().context).c_str());
+    return exit_config;
+  }
+  const auto slips = calib::probable_slips(config);
+  for (const std::string& slip : slips) std::printf("%s: warning: %s\n", name.c_str(), slip.c_str());
+  std::printf("%s: %s, %zu pair%s\n", name.c_str(), slips.empty() ? "good" : "valid", config.pairs.size(),
+              config.pairs.size() == 1 ? "" : "s");
+  return 0;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -205,11 +224,7 @@ int main(int argc, char** argv) {
     std::fprintf(stderr, "%s\n", calib::escape_control(config.error().context).c_str());
     return exit_config;
   }
-  if (check_only) {
-    std::printf("%s: good, %zu pair%s\n", config_file.c_str(), config->pairs.size(),
-                config->pairs.size() == 1 ? "" : "s");
-    return 0;
-  }
+  if (check_only) return report_check(config_file, *config);
   if (auto enough = calib::require_open_files(); !enough) return complain(enough.error(), exit_failed);
   // One core is what a vehicle gives; and one thread more would not change any result.
   cv::setNumThreads(1);

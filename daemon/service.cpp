@@ -53,6 +53,7 @@ Result<void> Service::restore(const PairConfig& config) {
   auto owned = std::make_unique<Pair>(
       Pair{.config = &config, .topics = topics_of(config), .pipeline = std::move(pipeline), .depth = std::move(depth)});
   Pair& pair = *owned;
+  if (config.camera.info) pair.camera_info.windows_to_wait = windows_for_camera_info;
   auto restored = pair.pipeline.restore(ledger_.state(config.name), config.T_camera_lidar, now(pair));
   if (!restored) return propagate(restored);
   if (const auto& entry = restored->set_aside) surroundings_.log(entry->priority, entry->message_id, entry->text);

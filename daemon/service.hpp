@@ -3,6 +3,7 @@
 #include <condition_variable>
 #include <deque>
 #include <functional>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <set>
@@ -86,6 +87,8 @@ class Service {
   /// nothing changes under a measurement. Refused when `most_requests` wait already.
   void ask(PendingRequest request);
   static constexpr std::size_t most_requests = 16;
+  /// So many windows stay open for the first CameraInfo. A driver that sends none does not cost them for ever.
+  static constexpr int windows_for_camera_info = 3;
   /// The status as of the last change, with ages and verdicts as of now.
   [[nodiscard]] Status status() const;
   /// The records from number `from` on, as many as fit into a reply.
@@ -110,6 +113,17 @@ class Service {
     /// Time since boot at which the last sample of each topic arrived.
     std::optional<std::chrono::nanoseconds> image = {}, right_image = {}, depth_image = {}, cloud = {}, motion = {};
     std::optional<std::chrono::nanoseconds> time_difference = {};
+    /// What the last CameraInfo of `camera.info` said. While it contradicts the configuration nothing is evaluated.
+    struct HeardCameraInfo {
+      bool heard = false;
+      int windows_to_wait = 0;  // for the first one
+      std::optional<Error> contradiction = {};
+      [[nodiscard]] bool keeps_pairs_back() const { return contradiction || (!heard && windows_to_wait > 0); }
+    } camera_info = {};
+    /// Since the start, by the word of their code.
+    std::map<std::string, PairStatus::Remark> remarks = {};
+    /// The frames that the last messages named, escaped; empty before.
+    std::string camera_frame = {}, lidar_frame = {};
   };
 
   Service(Config config, Ledger ledger, std::unique_ptr<Network> network, Surroundings surroundings);
@@ -141,6 +155,10 @@ class Service {
   [[nodiscard]] std::variant<Measurement, Skip> measure(Pair& pair);
   [[nodiscard]] std::optional<Skip> prepare(Pair& pair);
   [[nodiscard]] Result<FramePair> collect(Pair& pair);
+  void note(Pair& pair, const Error& remark);
+  void note(Pair& pair, const std::string& topic, const MessageNotes& notes);
+  void note_frame(Pair& pair, const std::string& topic, const MessageNotes& notes, const FrameName& configured,
+                  std::string& seen);
   [[nodiscard]] std::optional<Error> receive(Pair& pair, Sample sample, PairBuffer& buffer);
   [[nodiscard]] bool keep_going();
   [[nodiscard]] bool stopping() const;

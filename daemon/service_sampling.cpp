@@ -1,6 +1,8 @@
 #include <algorithm>
 #include <new>
+#include <utility>
 
+#include "camera_info_check.hpp"
 #include "message_ids.hpp"
 #include "service.hpp"
 
@@ -8,23 +10,6 @@ namespace calib {
 namespace {
 
 using namespace std::chrono_literals;
-
-/// A CameraInfo contradicts the configuration when it is of another size, or its focal length or centre differ by more
-/// than the last digits that people write down.
-std::optional<Error> contradiction(const CameraInfo& info, const Camera& camera) {
-  if (info.width != camera.width() || info.height != camera.height())
-    return Error{ErrorCode::camera_info_mismatch, "CameraInfo is for " + std::to_string(info.width) + " x " +
-                                                      std::to_string(info.height) + " pixels; correct camera.size"};
-  const bool rectified = camera.model() == CameraModel::rectified;
-  const std::array<double, 4> theirs = rectified ? std::array{info.P[0], info.P[5], info.P[2], info.P[6]}
-                                                 : std::array{info.K[0], info.K[4], info.K[2], info.K[5]};
-  const std::array<double, 4> ours{camera.fx(), camera.fy(), camera.cx(), camera.cy()};
-  for (std::size_t i = 0; i < ours.size(); ++i)
-    if (std::abs(theirs[i] - ours[i]) > 0.5)
-      return Error{ErrorCode::camera_info_mismatch, std::string("CameraInfo's ") + (rectified ? "P" : "K") +
-                                                        " differs from camera.intrinsics; correct the configuration"};
-  return std::nullopt;
-}
 
 }  // namespace
 
@@ -78,32 +63,64 @@ std::optional<Skip> Service::prepare(Pair& pair) {
 Result<FramePair> Service::collect(Pair& pair) {
   const auto end = surroundings_.clock().since_boot + config_.sampling.window;
   if (const auto right = pair.depth->right_image_size())
-    pair.topics.right_bound = ImageBound::exactly(*right, "the CameraInfo of depth.right_info");
+    pair.topics.right_bound = ImageBound::exactly(*right, "the CameraInfo of depth.right_info")
+                                  .with_significant_bits(pair.config->camera.bits);
   auto window = network_->open_window(pair.topics);
   if (!window) return propagate(window);
   PairBuffer buffer(config_.sampling.max_time_difference, {.right_image = pair.topics.right_image.has_value(),
                                                            .depth = pair.topics.depth.has_value(),
                                                            .turn_rate = pair.topics.motion.has_value()});
   std::optional<Error> refused;
+  const auto take = [&]() -> std::optional<FramePair> {
+    while (auto frames = buffer.take()) {
+      if (frames->image.stamp != pair.state.last_stamp) return frames;
+      refused =
+          Error{ErrorCode::duplicate_frame, "the image has the stamp of the last one; does the camera stand still?"};
+    }
+    return std::nullopt;
+  };
   for (auto left = config_.sampling.window; left > left.zero(); left = end - surroundings_.clock().since_boot) {
     auto samples = (*window)->wait(std::min<std::chrono::nanoseconds>(left, 200ms));
     if (!samples) return propagate(samples);
     for (Sample& sample : *samples)
       if (auto error = receive(pair, std::move(sample), buffer)) refused = std::move(error);
-    while (auto frames = pair.depth->has_cameras() ? buffer.take() : std::nullopt) {
-      if (frames->image.stamp == pair.state.last_stamp) {
-        refused =
-            Error{ErrorCode::duplicate_frame, "the image has the stamp of the last one; does the camera stand still?"};
-        continue;
-      }
-      if (refused && refused->code == ErrorCode::camera_info_mismatch) return tl::unexpected(*refused);
-      return std::move(*frames);
-    }
+    if (pair.depth->has_cameras() && !pair.camera_info.keeps_pairs_back())
+      if (auto frames = take()) return std::move(*frames);
     if (!keep_going()) break;
   }
+  if (stopping()) return tl::unexpected(buffer.why_none());
+  if (pair.topics.camera_info && !pair.camera_info.heard && pair.camera_info.windows_to_wait > 0 &&
+      --pair.camera_info.windows_to_wait == 0)
+    note(pair, {ErrorCode::camera_info_missing, *pair.topics.camera_info +
+                                                    ": no CameraInfo came, which camera.info promises; pairs are "
+                                                    "evaluated without it"});
+  if (pair.camera_info.contradiction) return tl::unexpected(*pair.camera_info.contradiction);
   // What its depth lacks is told when it is asked for.
-  if (auto frames = buffer.take(); frames && !refused) return std::move(*frames);
+  auto frames = take();
+  if (frames && !refused) return std::move(*frames);
   return tl::unexpected(refused ? *refused : buffer.why_none());
+}
+
+/// Counts what was wrong in a message that is used all the same.
+void Service::note(Pair& pair, const Error& remark) {
+  PairStatus::Remark& noted = pair.remarks[std::string(to_string(remark.code))];
+  ++noted.count;
+  noted.text = escape_control(remark.context);
+}
+
+/// The frame that a message names; and its remarks.
+void Service::note(Pair& pair, const std::string& topic, const MessageNotes& notes) {
+  for (const Error& remark : notes.remarks) note(pair, {remark.code, topic + ": " + remark.context});
+}
+
+/// The frame of a sensor's messages, which an extrinsic that is proposed has unless the configuration names another.
+void Service::note_frame(Pair& pair, const std::string& topic, const MessageNotes& notes, const FrameName& configured,
+                         std::string& seen) {
+  if (notes.frame_id.empty()) return;
+  if (configured.is_given && configured.name != notes.frame_id)
+    note(pair, {ErrorCode::frame_id_mismatch, topic + " has the frame '" + notes.frame_id + "', and " +
+                                                  std::string(configured.key) + " is '" + configured.name + "'"});
+  if (std::exchange(seen, notes.frame_id) != notes.frame_id) publish_extrinsics();
 }
 
 /// Puts a sample where it belongs; says why when it is of no use.
@@ -111,25 +128,34 @@ std::optional<Error> Service::receive(Pair& pair, Sample sample, PairBuffer& buf
   const auto arrived = surroundings_.clock().since_boot;
   if (auto* left = std::get_if<LeftImage>(&sample)) {
     pair.image = arrived;
+    note(pair, pair.topics.image, left->image.notes);
+    note_frame(pair, pair.topics.image, left->image.notes, pair.config->camera.frame_id, pair.camera_frame);
     buffer.add_image(std::move(left->image));
   } else if (auto* right = std::get_if<RightImage>(&sample)) {
     pair.right_image = arrived;
+    note(pair, pair.topics.right_image.value_or("the right image"), right->image.notes);
     buffer.add_right_image(std::move(right->image));
   } else if (auto* scan = std::get_if<DecodedCloud>(&sample)) {
     pair.cloud = arrived;
+    note(pair, pair.topics.cloud, scan->notes);
+    note_frame(pair, pair.topics.cloud, scan->notes, pair.config->lidar.frame_id, pair.lidar_frame);
     buffer.add_scan(std::move(*scan));
   } else if (auto* depth = std::get_if<DepthImage>(&sample)) {
     pair.depth_image = arrived;
+    note(pair, pair.topics.depth ? pair.topics.depth->name : "the depth image", depth->notes);
     buffer.add_depth(std::move(*depth));
   } else if (const auto* rate = std::get_if<TurnRate>(&sample)) {
     pair.motion = arrived;
     buffer.add_turn_rate(*rate);
   } else if (const auto* info = std::get_if<CameraInfo>(&sample)) {
     pair.depth->set_left_camera_info(*info);
-    return contradiction(*info, pair.config->camera.camera);
+    pair.camera_info.heard = true;
+    const auto found = contradiction(*info, pair.config->camera.camera);
+    pair.camera_info.contradiction = found ? std::optional(error_of(*found)) : std::nullopt;
   } else if (const auto* right_info = std::get_if<RightCameraInfo>(&sample)) {
     pair.depth->set_right_camera_info(right_info->info);
   } else if (const auto* malformed = std::get_if<Malformed>(&sample)) {
+    if (malformed->topic == pair.topics.camera_info) pair.camera_info.heard = true;  // and says nothing
     ++pair.state.skipped[std::string(to_string(malformed->error.code))];  // a counter, saved with the next decision
     return Error{malformed->error.code, malformed->topic + ": " + malformed->error.context};
   }

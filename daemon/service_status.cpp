@@ -19,6 +19,7 @@ PairStatus Service::status_of(const Pair& pair) const {
     if (arrived) shown.age_s = std::chrono::duration<double>(time.time.since_boot - *arrived).count();
     return shown;
   };
+  status.remarks = pair.remarks;
   status.image = input(pair.topics.image, pair.image);
   status.cloud = input(pair.topics.cloud, pair.cloud);
   if (pair.topics.right_image) status.right_image = input(*pair.topics.right_image, pair.right_image);
@@ -134,7 +135,8 @@ void Service::publish_extrinsics() {
     const CalibrationRecord* in_force = ledger_.history(pair->config->name).in_force();
     const auto proposed = proposal(*pair);
     if (!proposed && in_force->decision == Decision::initial) continue;
-    extrinsics.push_back({pair->config->camera.frame_id, pair->config->lidar.frame_id,
+    extrinsics.push_back({pair->config->camera.frame_id.or_seen(pair->camera_frame),
+                          pair->config->lidar.frame_id.or_seen(pair->lidar_frame),
                           proposed ? proposed->T_camera_lidar : pair->state.T_camera_lidar});
   }
   if (extrinsics.empty()) return;

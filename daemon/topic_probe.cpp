@@ -71,36 +71,37 @@ std::optional<FramePair> TopicProbe::take_pair() {
 }
 
 void TopicProbe::note(LeftImage& left, WallTime arrival) {
-  count("image", left.image.stamp, arrival);
+  count("image", left.image.stamp, arrival, left.image.notes);
   seen_.image = ImageSize{left.image.width, left.image.height};
   buffer_.add_image(std::move(left.image));
 }
 
 void TopicProbe::note(RightImage& right, WallTime arrival) {
-  count("right_image", right.image.stamp, arrival);
+  count("right_image", right.image.stamp, arrival, right.image.notes);
   buffer_.add_right_image(std::move(right.image));
 }
 
 void TopicProbe::note(DecodedCloud& cloud, WallTime arrival) {
-  count("cloud", cloud.stamp, arrival);
+  count("cloud", cloud.stamp, arrival, cloud.notes);
   seen_.cloud = cloud.statistics;
+  seen_.has_reflectance = cloud.has_reflectance;
   buffer_.add_scan(std::move(cloud));
 }
 
 void TopicProbe::note(DepthImage& depth, WallTime arrival) {
-  count("depth_topic", depth.stamp, arrival);
+  count("depth_topic", depth.stamp, arrival, depth.notes);
   buffer_.add_depth(std::move(depth));
 }
 
-void TopicProbe::note(TurnRate& rate, WallTime arrival) { count("motion_topic", rate.stamp, arrival); }
+void TopicProbe::note(TurnRate& rate, WallTime arrival) { count("motion_topic", rate.stamp, arrival, {}); }
 
 void TopicProbe::note(CameraInfo& info, WallTime arrival) {
-  count("camera_info", info.stamp, arrival);
+  count("camera_info", info.stamp, arrival, info.notes);
   seen_.camera_info = std::move(info);
 }
 
 void TopicProbe::note(RightCameraInfo& right, WallTime arrival) {
-  count("right_camera_info", right.info.stamp, arrival);
+  count("right_camera_info", right.info.stamp, arrival, right.info.notes);
   right_camera_info_ = std::move(right.info);
 }
 
@@ -108,7 +109,7 @@ void TopicProbe::note(Malformed& malformed, WallTime arrival) {
   const auto topic = std::ranges::find(seen_.topics, malformed.topic, &TopicObservation::topic);
   if (topic == seen_.topics.end()) return;
   if (malformed.image) {  // of another size and therefore not decoded; its header is valid
-    count(topic->check, malformed.image->stamp, arrival);
+    count(topic->check, malformed.image->stamp, arrival, {});
     if (topic->check == "image")
       seen_.image = malformed.image->size;
     else
@@ -119,12 +120,15 @@ void TopicProbe::note(Malformed& malformed, WallTime arrival) {
   topic->malformed_context = malformed.error.context;
 }
 
-void TopicProbe::count(std::string_view check, Timestamp stamp, WallTime arrival) {
+void TopicProbe::count(std::string_view check, Timestamp stamp, WallTime arrival, const MessageNotes& notes) {
   const auto topic = std::ranges::find(seen_.topics, check, &TopicObservation::check);
   if (topic == seen_.topics.end()) return;
   ++topic->messages;
   if (topic->last_stamp == stamp) ++topic->repeated_stamps;
   topic->last_stamp = stamp;
+  if (!notes.frame_id.empty()) topic->frame_id = notes.frame_id;
+  for (const Error& remark : notes.remarks)
+    topic->remarks.insert_or_assign(std::string(to_string(remark.code)), remark);
   const auto age = arrival - stamp;
   if (!topic->age || std::chrono::abs(age) < std::chrono::abs(*topic->age)) topic->age = age;
 }

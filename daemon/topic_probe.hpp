@@ -54,7 +54,7 @@ class TopicProbe {
   void note(CameraInfo& info, WallTime arrival);
   void note(RightCameraInfo& right, WallTime arrival);
   void note(Malformed& malformed, WallTime arrival);
-  void count(std::string_view check, Timestamp stamp, WallTime arrival);
+  void count(std::string_view check, Timestamp stamp, WallTime arrival, const MessageNotes& notes);
 
   PairObservation& seen_;
   PairBuffer buffer_;

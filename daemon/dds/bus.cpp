@@ -29,14 +29,21 @@ namespace {
 /// socket to the port of multicast data and joins it to the group of SPDP, which is the same. It is given a port of the
 /// domain's range that nobody sends to (RTPS 2.2, 9.6.1.1 uses the offsets 0, 1, 10, 11 and up). One thread receives
 /// everything: the second and third would each hold a receive buffer and wait for what hardly comes.
-std::string cyclone_configuration(std::string_view interface, std::uint32_t max_sample_bytes) {
+///
+/// Peers send to the unicast ports of a participant's index, so that calibd needs one where there are any.
+std::string cyclone_configuration(std::string_view interface, std::uint32_t max_sample_bytes, const Reach& reach) {
   const std::string choice = interface == "auto" ? R"(autodetermine="true")"
                                                  : fmt::format(R"(name="{}" multicast="{}")", interface,
                                                                interface == "lo" ? "true" : "default");
+  std::string discovery;
+  if (!reach.multicast || !reach.peers.empty()) discovery += "<ParticipantIndex>auto</ParticipantIndex>";
+  std::string peers;
+  for (const std::string& peer : reach.peers) peers += fmt::format(R"(<Peer Address="{}"/>)", peer);
+  if (!peers.empty()) discovery += "<Peers>" + peers + "</Peers>";
   return fmt::format(
       "<CycloneDDS><Domain><General><Interfaces><NetworkInterface {}/></Interfaces>"
-      "<AllowMulticast>spdp</AllowMulticast></General>"
-      "<Discovery><Ports><MulticastDataOffset>2</MulticastDataOffset></Ports></Discovery>"
+      "<AllowMulticast>{}</AllowMulticast></General>"
+      "<Discovery>{}<Ports><MulticastDataOffset>2</MulticastDataOffset></Ports></Discovery>"
       "<Internal><MultipleReceiveThreads>false</MultipleReceiveThreads>"
       R"(<SocketReceiveBufferSize min="default" max="10MB"/><MaxSampleSize>{}B</MaxSampleSize>)"
       "<DefragUnreliableMaxSamples>2</DefragUnreliableMaxSamples>"
@@ -46,7 +53,7 @@ std::string cyclone_configuration(std::string_view interface, std::uint32_t max_
       "<SecondaryReorderMaxSamples>16</SecondaryReorderMaxSamples></Internal>"
       "<Sizing><ReceiveBufferSize>256KiB</ReceiveBufferSize></Sizing>"
       "</Domain></CycloneDDS>",
-      choice, max_sample_bytes);
+      choice, reach.multicast ? "spdp" : "false", discovery, max_sample_bytes);
 }
 
 int syslog_priority(std::uint32_t category) {
@@ -67,7 +74,10 @@ void Bus::EndLog::operator()(LogLimit* log) const {
 }
 
 Result<Bus> Bus::open(std::uint32_t domain, std::string_view interface, std::uint32_t max_sample_bytes,
-                      LogLimit::Write log) {
+                      LogLimit::Write log, const Reach& reach) {
+  for (const std::string& peer : reach.peers)
+    if (!is_peer_address(peer))
+      return fail(ErrorCode::bad_interface, "a peer is a host name or an address, like 192.168.1.7");
   if (!is_interface_name(interface))
     return fail(ErrorCode::bad_interface, "a network interface is named like lo, eth0 or auto");
   Bus bus;
@@ -79,7 +89,7 @@ Result<Bus> Bus::open(std::uint32_t domain, std::string_view interface, std::uin
     into = std::move(*entity);
     return {};
   };
-  auto result = opened(own(dds_create_domain(domain, cyclone_configuration(interface, max_sample_bytes).c_str()),
+  auto result = opened(own(dds_create_domain(domain, cyclone_configuration(interface, max_sample_bytes, reach).c_str()),
                            fmt::format("DDS domain {} on interface {}", domain, interface)),
                        bus.domain_);
   if (result) result = opened(own(dds_create_participant(domain, nullptr, nullptr), "participant"), bus.participant_);

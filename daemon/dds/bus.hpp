@@ -14,6 +14,13 @@
 
 namespace calib {
 
+/// How participants find each other where the network lets no multicast through: each tells its presence to the
+/// addresses of `peers`, which have to do likewise.
+struct Reach {
+  bool multicast = true;
+  std::vector<std::string> peers = {};  // host names or addresses
+};
+
 /// calibd's DDS participant with its writers, which live as long as the bus, and the sampling windows that it opens on
 /// demand. Each call fails with `dds_failed` and Cyclone's message when Cyclone fails.
 class Bus {
@@ -21,9 +28,10 @@ class Bus {
   /// At most one Bus per domain and process. `interface` is the name or address of a network interface, or `auto`.
   /// Samples larger than `max_sample_bytes` (serialised) never reach a reader. Cyclone's log goes to `log` (called from
   /// any thread) or else to standard error, limited by `LogLimit`. Cyclone's configuration comes from here alone:
-  /// CYCLONEDDS_URI is not read. Fails with `bad_interface` or `dds_failed`.
+  /// CYCLONEDDS_URI is not read. Fails with `bad_interface` (also for a peer) or `dds_failed`.
   [[nodiscard]] static Result<Bus> open(std::uint32_t domain, std::string_view interface,
-                                        std::uint32_t max_sample_bytes = 16 << 20, LogLimit::Write log = {});
+                                        std::uint32_t max_sample_bytes = 16 << 20, LogLimit::Write log = {},
+                                        const Reach& reach = {});
 
   [[nodiscard]] Result<SamplingWindow> open_window(const PairTopics& topics);
   /// What other programs publish.

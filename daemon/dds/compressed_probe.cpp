@@ -94,8 +94,8 @@ Result<void> check_jpeg(Bytes bytes) {
       ++scans;
       at = end_of_scan(bytes, at);
     } else if (segment->marker == end_of_image) {
-      // Some cameras append padding.
-      whole = std::ranges::all_of(bytes.subspan(at), [](std::uint8_t byte) { return byte == 0; });
+      // Some cameras append padding or a second, smaller picture, which no decoder reads.
+      whole = true;
       break;
     }
   }
@@ -103,7 +103,9 @@ Result<void> check_jpeg(Bytes bytes) {
     return fail(ErrorCode::malformed_compressed_scans, "the JPEG has " + std::to_string(scans) + " scans where " +
                                                            std::to_string(max_jpeg_scans) + " are allowed");
   if (whole && frames == 1 && scans > 0) return {};
-  return fail(ErrorCode::malformed_compressed_data, "the JPEG is incomplete, or data follows its end");
+  return fail(ErrorCode::malformed_compressed_data, "the JPEG is incomplete: of " + std::to_string(bytes.size()) +
+                                                        " bytes no end of image follows " + std::to_string(scans) +
+                                                        " scans");
 }
 
 // PNG: a sequence of chunks, the first of which is IHDR.

@@ -16,8 +16,8 @@ struct ImageSize {
 };
 [[nodiscard]] inline ImageSize size_of(const Camera& camera) { return {camera.width(), camera.height()}; }
 
-/// The sizes that the images of a topic may have. Checked against the header of an image, before anything is decoded,
-/// converted or allocated.
+/// The sizes that the images of a topic may have, checked against the header of an image before anything is decoded,
+/// converted or allocated; and how many bits of its 16-bit values a camera fills.
 class ImageBound {
  public:
   /// `scaled` and `similar` images have at most this many times the pixels of the reference size.
@@ -34,6 +34,13 @@ class ImageBound {
 
   /// Fails with `image_size_mismatch`; the message names both sizes and the key.
   [[nodiscard]] Result<void> check(ImageSize seen) const;
+  [[nodiscard]] ImageBound with_significant_bits(int bits) const {
+    ImageBound changed = *this;
+    changed.significant_bits_ = bits;
+    return changed;
+  }
+  /// The greatest 16-bit value is 2^this - 1.
+  [[nodiscard]] int significant_bits() const { return significant_bits_; }
   /// Of the largest image that is accepted.
   [[nodiscard]] std::int64_t max_pixels() const;
 
@@ -44,6 +51,7 @@ class ImageBound {
   Rule rule_ = Rule::any;
   ImageSize size_;
   std::string key_;
+  int significant_bits_ = 16;
 };
 
 }  // namespace calib

@@ -72,6 +72,8 @@ KeyValues key_values(const PairStatus& pair) {
   if (pair.last_evaluated) values.emplace_back("last evaluated", rfc3339(*pair.last_evaluated));
   values.emplace_back("evaluated", std::to_string(pair.evaluated));
   for (const auto& [reason, count] : pair.skipped) values.emplace_back("skipped " + reason, std::to_string(count));
+  for (const auto& [code, remark] : pair.remarks)
+    values.emplace_back("remark " + code, fmt::format("{}, the last: {}", remark.count, remark.text));
   if (pair.score) {
     values.emplace_back("score", fmt::format("{:.6f}", pair.score->current));
     values.emplace_back("score best neighbour", fmt::format("{:.6f}", pair.score->best_neighbour));

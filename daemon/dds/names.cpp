@@ -63,4 +63,11 @@ bool is_interface_name(std::string_view name) {
   });
 }
 
+bool is_peer_address(std::string_view text) {
+  constexpr std::string_view marks = ".:-";
+  return !text.empty() && text.size() <= 253 && std::ranges::all_of(text, [&](char c) {
+    return is_letter(c) || is_digit(c) || marks.find(c) != std::string_view::npos;
+  });
+}
+
 }  // namespace calib

@@ -38,4 +38,7 @@ struct MotionTopic {
 /// name needs no escaping in Cyclone's XML.
 [[nodiscard]] bool is_interface_name(std::string_view name);
 
+/// Whether `text` can be a host name or an address: 1 .. 253 letters, digits and `. : -`. It needs no escaping either.
+[[nodiscard]] bool is_peer_address(std::string_view text);
+
 }  // namespace calib

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numeric>
 
+#include "calib/cloud_layout.hpp"
+
 namespace calib {
 namespace {
 
@@ -43,8 +45,9 @@ float median(std::vector<float> values) {
 std::optional<DepthAgreement> depth_agreement(const DepthMap& depth, const Camera& camera,
                                               const RigidTransform& T_camera_lidar, const LidarScan& scan) {
   constexpr std::size_t most = 20'000;
+  constexpr std::uint64_t rings_and_columns = 2 * 3 * 5;  // the prime factors that numbers of those have
   if (depth.width != camera.width() || depth.height != camera.height()) return std::nullopt;
-  const std::size_t stride = std::max<std::size_t>(1, scan.points.size() / most);
+  const std::uint64_t stride = sampling_step(scan.points.size(), most, {rings_and_columns});
   std::vector<float> of_points, of_pixels, products;
   for (std::size_t i = 0; i < scan.points.size(); i += stride) {
     const LidarPoint& point = scan.points[i];

@@ -56,13 +56,17 @@ std::optional<ImageHeader> jpeg(std::string_view bytes) {
   Numbers numbers(bytes, Order::big_endian);
   std::optional<ImageHeader> header;
   int scans = 0;
-  for (std::size_t at = 2; at + 4 <= bytes.size();) {
+  bool ended = false;
+  for (std::size_t at = 2; at + 2 <= bytes.size();) {
     const std::uint32_t prefix = numbers.at(at, 1), marker = numbers.at(at + 1, 1);
     if (prefix != 0xff || marker == 0xff) {  // libjpeg skips fill bytes, and what does not belong there, too
       ++at;
       continue;
     }
-    if (marker == 0xd9) break;
+    if (marker == 0xd9) {
+      ended = true;
+      break;
+    }
     if (marker <= 0x01 || (marker >= 0xd0 && marker <= 0xd8)) {  // no segment follows
       at += 2;
       continue;
@@ -77,6 +81,7 @@ std::optional<ImageHeader> jpeg(std::string_view bytes) {
   }
   if (!header || !numbers.whole()) return std::nullopt;
   header->scans = scans;
+  header->complete = ended && scans > 0;
   return header;
 }
 

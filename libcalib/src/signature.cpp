@@ -70,11 +70,13 @@ bool from_base64(std::string_view text, std::uint8_t* out, std::size_t size) {
          std::ranges::all_of(text, [](char c) { return static_cast<unsigned char>(c) < 0x80; });
 }
 
+/// Without their ends, which may have a carriage return as minisign accepts it: files come through mail and Windows.
 std::vector<std::string_view> lines_of(std::string_view text) {
   std::vector<std::string_view> lines;
   while (!text.empty()) {
     const std::size_t end = std::min(text.find('\n'), text.size());
     lines.push_back(text.substr(0, end));
+    if (lines.back().ends_with('\r')) lines.back().remove_suffix(1);
     text.remove_prefix(std::min(end + 1, text.size()));
   }
   return lines;

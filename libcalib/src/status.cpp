@@ -80,6 +80,12 @@ json inputs_json(const PairStatus& pair) {
   return inputs;
 }
 
+json remarks_json(const PairStatus& pair) {
+  json remarks = json::object();
+  for (const auto& [code, remark] : pair.remarks) remarks[code] = {{"count", remark.count}, {"text", remark.text}};
+  return remarks;
+}
+
 json pair_json(const PairStatus& pair) {
   json object{{"name", pair.name},
               {"verdict", to_string(pair.verdict)},
@@ -90,6 +96,7 @@ json pair_json(const PairStatus& pair) {
               {"last_evaluated", pair.last_evaluated ? json(rfc3339(*pair.last_evaluated)) : json()},
               {"evaluated", pair.evaluated},
               {"skipped", pair.skipped},
+              {"remarks", remarks_json(pair)},
               {"score", nullptr},
               {"misalignment", nullptr},
               {"axes", nullptr},
@@ -187,6 +194,9 @@ PairStatus pair_from(const json& object) {
   pair.evaluated = integer_from<std::uint64_t>(object.at("evaluated"));
   for (const auto& [reason, count] : object.at("skipped").get_ref<const json::object_t&>())
     pair.skipped[reason] = integer_from<std::uint64_t>(count);
+  if (const auto remarks = object.find("remarks"); remarks != object.end())  // came later
+    for (const auto& [code, remark] : remarks->get_ref<const json::object_t&>())
+      pair.remarks[code] = {integer_from<std::uint64_t>(remark.at("count")), remark.at("text").get<std::string>()};
   if (const json& score = object.at("score"); !score.is_null())
     pair.score = {score.at("current").get<double>(), score.at("best_neighbour").get<double>(),
                   optional_from<double>(score.at("baseline"))};

@@ -11,6 +11,7 @@ import subprocess
 import threading
 import types
 
+import numpy as np
 import pytest
 
 from conftest import DONE, FAILED, NO, NOT_FOUND, unwrapped
@@ -95,6 +96,17 @@ def test_a_symbolic_link_to_a_regular_file_is_one(recording):
         path.symlink_to(path.with_suffix(".moved").name)
     recording.cloud.with_suffix(".moved").write_bytes(b"12345")
     assert f"{recording.cloud} does not hold whole points" in recording.refusal(), "yaml and image were read"
+
+
+def test_clouds_of_five_floats_are_no_clouds_of_four(recording):
+    """Neither hits nor advice about the extrinsic follow from them; the option says what they are."""
+    for cloud in recording.cloud.parent.iterdir():
+        points = np.fromfile(cloud, np.float32).reshape(-1, 4)
+        np.c_[points, np.arange(len(points)) % 32].astype(np.float32).tofile(cloud)
+    assert "it looks like 5 floats of 32 bits a point (float32x5), of which number 5 counts rings; say how" in recording.refusal()
+    recording.depth.unlink()  # the clouds are read then, and this is what is wrong next
+    told = recording.refusal("--depth-dir", recording.folder / "depth", "--depth-kind", "range", "--cloud-layout", "float32x5")
+    assert "has no depth of frame 000000" in told
 
 
 def test_an_npy_with_less_data_than_its_header_says(recording):

@@ -93,6 +93,7 @@ def test_status_lines_are_short_and_each_detail_has_a_line_of_its_own(calibctl, 
     pair["evidence"], pair["verdict"] = None, "not_evaluated"
     pair["reason"] = "sensor_silent: no image arrived; " + "a detail of many words " * 10 + "; \x1b[31mthe last one"
     pair["skipped"] = {f"malformed:reason_{number}": 10**6 for number in range(20)}
+    pair["remarks"] = {"malformed:row_step": {"count": 7, "text": "/points: row_step is \x1b[31m0, " + "and so on " * 20}}
     pair["inputs"]["image"]["topic"] = "/" + "a" * 200
     status["records"]["missing"] = "records that calibd had written are missing: " + "some words " * 20
     peer({"ok": True, "status": status})
@@ -102,7 +103,9 @@ def test_status_lines_are_short_and_each_detail_has_a_line_of_its_own(calibctl, 
     first = lines.index("Reason          : sensor_silent: no image arrived")
     assert lines[first + 1].startswith("                : a detail of many words a detail")
     assert lines[first + 4] == "                : \\x1b[31mthe last one"
+    assert any(line.startswith("Remark          : /points: row_step is \\x1b[31m0, and so on") for line in lines)
     shown = " ".join(line[18:] for line in lines)
+    assert "(malformed:row_step, 7 times)" in shown
     assert shown.count("a detail of many words") == 10 and shown.count("some words") == 20
     assert all(f"malformed:reason_{number} 1000000" in shown for number in range(20))
 

@@ -112,7 +112,7 @@ TEST_CASE("every key is read, into SI units") {
   CHECK(pair.name == "front");
   CHECK(pair.camera.image == "/left/image");
   CHECK(pair.camera.info == "/left/camera_info");
-  CHECK(pair.camera.frame_id == "camera_left/optical");
+  CHECK(pair.camera.frame_id.name == "camera_left/optical");
   CHECK(pair.camera.camera.model() == CameraModel::rectified);
   CHECK(pair.camera.camera.width() == 1242);
   CHECK(pair.camera.camera.height() == 375);
@@ -120,7 +120,7 @@ TEST_CASE("every key is read, into SI units") {
   CHECK(pair.camera.camera.cy() == 172.8);
   CHECK(pair.camera.camera.distortion().empty());
   CHECK(pair.lidar.cloud == "/lidar/points");
-  CHECK(pair.lidar.frame_id == "lidar_top");
+  CHECK(pair.lidar.frame_id.name == "lidar_top");
   CHECK(translation_m(pair.T_camera_lidar) == std::array{0.1, -0.2, 0.3});
   CHECK((pair.T_camera_lidar.linear() * Eigen::Vector3d::UnitX() - Eigen::Vector3d::UnitZ()).norm() < 1e-12);
   const auto& stereo = std::get<StereoDepthConfig>(pair.depth);
@@ -154,8 +154,8 @@ TEST_CASE("keys that are missing have the documented default") {
   CHECK(config.sampling.max_time_difference == 50ms);
   const PairConfig& pair = config.pairs[0];
   CHECK_FALSE(pair.camera.info);
-  CHECK(pair.camera.frame_id == "camera_optical");
-  CHECK(pair.lidar.frame_id == "lidar");
+  CHECK(pair.camera.frame_id.name == "camera_optical");
+  CHECK(pair.lidar.frame_id.name == "lidar");
   CHECK((!pair.drift.baseline_pairs && !pair.drift.min_scene_change && pair.drift.notice_within == 2h));
   CHECK(pair.drift.false_alerts_per_1000_vehicle_weeks == 1);
   CHECK(pair.drift.driving_hours_per_week == 56);
@@ -182,7 +182,7 @@ TEST_CASE("the example in systemd/ is valid, and the defaults that it documents 
   CHECK(config.vehicle == "demo-car");
   CHECK(config.dds.interface == defaults.dds.interface);
   CHECK((config.sampling.window == defaults.sampling.window && config.sampling.period == defaults.sampling.period));
-  CHECK(config.pairs[0].camera.frame_id == defaults.pairs[0].camera.frame_id);
+  CHECK(config.pairs[0].camera.frame_id.name == defaults.pairs[0].camera.frame_id.name);
   const DepthRange range = config.pairs[0].depth_range, usual = defaults.pairs[0].depth_range;
   CHECK((range.min_m == usual.min_m && range.max_m == usual.max_m));
   CHECK(config.pairs[0].depth_timeout == defaults.pairs[0].depth_timeout);

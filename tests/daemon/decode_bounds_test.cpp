@@ -17,7 +17,7 @@ TEST_CASE("the error for a cloud with too many points has their number, the boun
   CHECK(refused.error().context == "6 points where 5 are allowed (lidar.max_points)");
 }
 
-TEST_CASE("the row_step of a cloud with one row may be any that holds its points") {
+TEST_CASE("the row_step of a cloud with one row may be any") {
   CloudMessage cloud;
   cloud.width = 6, cloud.height = 1;
   cloud.row_step = 1'000'000;

@@ -57,12 +57,41 @@ TEST_CASE("name and coefficients of a distortion model are converted for Camera"
   CHECK_THAT(refusal, Catch::Matchers::ContainsSubstring("thin_prism' is none of plumb_bob, "));
 }
 
+TEST_CASE("zeros behind the coefficients of a model say nothing, and other numbers are another model's") {
+  CameraInfoMessage message;
+  message.d = {0.1, 0.2, 0.3, 0.4, 0.5, 0, 0, 0};
+  CHECK(require_ok(decode(message)).D == std::vector{0.1, 0.2, 0.3, 0.4, 0.5});
+  message.d[6] = 0.01;
+  CHECK_THAT(decode(message).error().context, Catch::Matchers::EndsWith(": this is rational_polynomial"));
+  message.distortion_model = "equidistant";
+  message.d = {0.1, 0.2, 0.3, 0.4, 0};
+  CHECK(require_ok(decode(message)).D.size() == 4);
+}
+
+TEST_CASE("an uncalibrated camera is named; P alone will do") {
+  CameraInfoMessage message;
+  message.k = {};
+  const CameraInfo info = require_ok(decode(message));
+  CHECK(info.K == std::array<double, 9>{});
+  CHECK(info.P[0] == 500);
+  message.p = {};
+  const auto none = decode(message);
+  CHECK(word(none.error().code) == "malformed:uncalibrated");
+  CHECK_THAT(none.error().context, Catch::Matchers::StartsWith("the driver says that this camera is not calibrated"));
+  message.k = {500, 0, 320, 0, 510, 240, 0, 0, 1};
+  message.binning_x = 2;
+  const CameraInfo raw = require_ok(decode(message));
+  CHECK(raw.P == std::array<double, 12>{});
+  CHECK(raw.reduced_from == "640 x 480 with binning 2 x 1");
+}
+
 TEST_CASE("roi and binning of a CameraInfo give the intrinsics of the published image") {
   CameraInfoMessage message;
   message.p[3] = -500 * 0.5;  // a baseline of 0.5 m
   message.roi_x = 100, message.roi_y = 60, message.roi_width = 401, message.roi_height = 300;
   message.binning_x = 2, message.binning_y = 3;
   const CameraInfo info = require_ok(decode(message));
+  CHECK(info.reduced_from == "640 x 480 with binning 2 x 3 and a roi of 401 x 300 at 100, 60");
   CHECK(info.width == 200);
   CHECK(info.height == 100);
   CHECK(info.K[0] == 250);

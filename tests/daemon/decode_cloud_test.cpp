@@ -71,12 +71,106 @@ TEST_CASE("statistics include points that are dropped for their range") {
   CHECK(scan.statistics.median_range_m == Approx(8003).epsilon(1e-3));
 }
 
-TEST_CASE("reflectance is intensity, else reflectance, else zero") {
+TEST_CASE("a fault of a field that is not needed costs that field, and is named with its value and its bound") {
+  const auto remark = [](const CloudField& field) {
+    CloudMessage message;
+    message.fields[3] = field;
+    const DecodedCloud cloud = require_ok(decode(message));
+    CHECK(cloud.points.size() == 6);
+    CHECK(cloud.points[2].reflectance == 0);
+    CHECK_FALSE(cloud.has_reflectance);
+    REQUIRE(cloud.notes.remarks.size() == 1);
+    return word(cloud.notes.remarks[0].code) + ": " + cloud.notes.remarks[0].context;
+  };
+  CHECK(
+      remark({"intensity", 16}) ==
+      "malformed:field_bounds: field 'intensity' ends at byte 20 (offset 16, 1 of 4 bytes), after point_step, which is "
+      "16; the field is left out");
+  CHECK(remark({"intensity", 0xFFFFFFFF, 7}).starts_with("malformed:field_bounds"));
+  CHECK(remark({"intensity", 0, 8, 0xFFFFFFFF}).starts_with("malformed:field_bounds"));
+  CHECK(remark({"\x1b[2J", 12, 9}) ==
+        "malformed:field_type: field '\\x1b[2J' has datatype 9, which is none of 1 .. 8; the field is left out");
+  CloudMessage many;
+  for (int i = 0; i < 60; ++i) many.fields.push_back({"t", 17});
+  CHECK(require_ok(decode(many)).notes.remarks.size() == 8);
+}
+
+TEST_CASE("a count of 0, as PCL writes it, is 1") {
+  CloudMessage message;
+  for (CloudField& field : message.fields) field.count = 0;
+  const DecodedCloud cloud = require_ok(decode(message));
+  CHECK(cloud.points[2].reflectance == 2);
+  CHECK(cloud.notes.remarks.empty());
+}
+
+TEST_CASE("row_step is ignored where the cloud has one row or its data is without padding") {
+  CloudMessage message;
+  for (const std::uint32_t step : {0U, 47U, 9000U, 0xFFFFFFFFU}) {
+    message.row_step = step;
+    message.width = 3, message.height = 2;
+    const DecodedCloud rows = require_ok(decode(message));
+    CHECK(rows.points[5].x_m == 6);
+    REQUIRE(rows.notes.remarks.size() == 1);
+    CHECK(rows.notes.remarks[0].context ==
+          "row_step is " + std::to_string(step) +
+              ", and width * point_step is 48; the data is read as rows without padding");
+    message.width = 6, message.height = 1;
+    const DecodedCloud row = require_ok(decode(message));
+    CHECK(row.points[5].x_m == 6);
+    CHECK(row.notes.remarks.empty());
+  }
+}
+
+TEST_CASE("a cloud whose coordinates no LiDAR measures is refused: its bytes are not what it says") {
+  CloudMessage message;
+  message.is_bigendian = true;  // and they are not
+  const auto swapped = decode(message);
+  REQUIRE_FALSE(swapped);
+  CHECK(word(swapped.error().code) == "malformed:cloud_layout");
+  CHECK_THAT(swapped.error().context, Catch::Matchers::ContainsSubstring(
+                                          "100 % of the points have a coordinate that no LiDAR measures, such as"));
+  CHECK_THAT(swapped.error().context, Catch::Matchers::ContainsSubstring("is_bigendian is true"));
+}
+
+TEST_CASE("the median range is one of what was measured, whatever the number of rings") {
+  CloudMessage message;
+  message.width = 64, message.height = 2048;  // in firing order; the first ring measures nothing
+  message.row_step = 64 * 16;
+  message.data.assign(std::size_t{64} * 2048 * 16, 0);
+  for (std::uint32_t i = 0; i < 64 * 2048; ++i) {
+    const float x = i % 64 == 0 ? std::numeric_limits<float>::quiet_NaN() : 10.0F + static_cast<float>(i % 64) / 64;
+    std::memcpy(message.data.data() + 16 * i, &x, sizeof(x));
+  }
+  const DecodedCloud cloud = require_ok(decode(message));
+  CHECK(cloud.statistics.not_finite == 2048);
+  CHECK(cloud.statistics.median_range_m == Approx(10.5).margin(0.1));
+}
+
+TEST_CASE("the frame of a message is kept, cut and escaped") {
+  CloudMessage message;
+  CHECK(require_ok(decode(message)).notes.frame_id == "lidar");
+  auto raw = message.raw();
+  std::string hostile = "\x1b" + std::string(1000, 'f');
+  raw.header.frame_id = hostile.data();
+  CHECK(require_ok(decode_cloud(raw)).notes.frame_id == "\\x1b" + std::string(127, 'f'));
+  std::string of_ros_1 = "/velodyne";
+  raw.header.frame_id = of_ros_1.data();
+  CHECK(require_ok(decode_cloud(raw)).notes.frame_id == "velodyne");
+  raw.header.frame_id = nullptr;
+  CHECK(require_ok(decode_cloud(raw)).notes.frame_id.empty());
+}
+
+TEST_CASE("reflectance is the first of its names that there is, else zero") {
   CloudMessage message;
   message.fields[3].name = "reflectance";
   CHECK(require_ok(decode(message)).points[2].reflectance == 2);
   message.fields.push_back({"intensity", 0, 7});
   CHECK(require_ok(decode(message)).points[2].reflectance == 3);  // x of that point
+  message.fields.resize(3);
+  message.fields.push_back({"i", 12});
+  CHECK(require_ok(decode(message)).points[2].reflectance == 2);
+  message.fields.push_back({"reflectivity", 0});
+  CHECK(require_ok(decode(message)).points[2].reflectance == 3);
   message.fields.resize(3);
   CHECK(require_ok(decode(message)).points[2].reflectance == 0);
 }

@@ -210,3 +210,102 @@ TEST_CASE("colour is decoded on request and does not change the grey") {
   ImageMessage mono = image_message(cv::Mat(24, 32, CV_8UC1, cv::Scalar(9)), "mono8");
   CHECK(require_ok(decode_image(mono.raw(), Colour::rgb)).rgb.empty());
 }
+
+TEST_CASE("16-bit colour and Bayer images give what those of 8 bits give, in both byte orders") {
+  const cv::Mat bgr = colour_scene(22, 14);
+  cv::Mat rgb;
+  cv::cvtColor(bgr, rgb, cv::COLOR_BGR2RGB);
+  const std::vector<std::pair<std::string, cv::Mat>> encoded{{"rgb", rgb},
+                                                             {"bgr", bgr},
+                                                             {"bayer_rggb", mosaic(bgr, "rggb")},
+                                                             {"bayer_bggr", mosaic(bgr, "bggr")},
+                                                             {"bayer_gbrg", mosaic(bgr, "gbrg")},
+                                                             {"bayer_grbg", mosaic(bgr, "grbg")}};
+  for (const auto& [encoding, pixels] : encoded) {
+    INFO(encoding);
+    ImageMessage eight = image_message(pixels, encoding + "8");
+    const Image expected = require_ok(decode_image(eight.raw(), Colour::rgb));
+    cv::Mat deep;
+    pixels.convertTo(deep, CV_16U, 257);
+    ImageMessage message = image_message(deep, encoding + "16", 3);
+    const Image image = require_ok(decode_image(message.raw(), Colour::rgb));
+    CHECK(image.pixels == expected.pixels);
+    CHECK(image.rgb == expected.rgb);
+    for (std::size_t row = 0; row < message.height; ++row)
+      for (std::size_t i = row * message.step; i + 4 < (row + 1) * message.step; i += 2)
+        std::swap(message.data[i], message.data[i + 1]);
+    message.is_bigendian = 1;
+    CHECK(require_ok(decode_image(message.raw(), Colour::rgb)).pixels == expected.pixels);
+  }
+}
+
+TEST_CASE("values of fewer bits than 16 are scaled by the key, and remarked without it") {
+  cv::Mat deep(2, 2, CV_16UC1);
+  deep.at<std::uint16_t>(0, 0) = 4095;
+  deep.at<std::uint16_t>(0, 1) = 2048;
+  deep.at<std::uint16_t>(1, 0) = 8;
+  deep.at<std::uint16_t>(1, 1) = 0;
+  ImageMessage message = image_message(deep, "mono16");
+  const Image dark = require_ok(decode(message));
+  CHECK(dark.pixels == std::vector<std::uint8_t>{16, 8, 0, 0});
+  REQUIRE(dark.notes.remarks.size() == 1);
+  CHECK(dark.notes.remarks[0].code == ErrorCode::image_bits);
+  CHECK(
+      dark.notes.remarks[0].context ==
+      "its values of 16 bits stay below 4096 (the greatest is 4095); if the camera has 12 bits, write camera.bits: 12");
+  const Image scaled = require_ok(decode_image(message.raw(), Colour::none, ImageBound().with_significant_bits(12)));
+  CHECK(scaled.pixels == std::vector<std::uint8_t>{255, 128, 0, 0});
+  CHECK(scaled.notes.remarks.empty());
+  deep.at<std::uint16_t>(0, 0) = 65535;
+  message = image_message(deep, "mono16");
+  CHECK(require_ok(decode(message)).notes.remarks.empty());
+  CHECK(require_ok(decode_image(message.raw(), Colour::none, ImageBound().with_significant_bits(12))).pixels[0] == 255);
+}
+
+TEST_CASE("NV12 and NV21 give their luma, and the colours of their planes") {
+  const cv::Mat bgr(14, 22, CV_8UC3, cv::Scalar(20, 60, 220));
+  cv::Mat planar;
+  cv::cvtColor(bgr, planar, cv::COLOR_BGR2YUV_I420);
+  const cv::Mat y = planar.rowRange(0, 14);
+  const std::uint8_t blue = planar.ptr()[14 * 22], red = planar.ptr()[14 * 22 + 77];
+  for (const std::string encoding : {"nv12", "nv21"})
+    for (const std::uint32_t padding : {0U, 10U}) {
+      INFO(encoding << ", rows padded by " << padding);
+      ImageMessage message = image_message(y, encoding, padding);
+      for (int row = 0; row < 7; ++row) {
+        for (int i = 0; i < 11; ++i)
+          for (const std::uint8_t value : {encoding == "nv12" ? blue : red, encoding == "nv12" ? red : blue})
+            message.data.push_back(value);
+        message.data.insert(message.data.end(), padding, 0xEE);
+      }
+      const Image image = require_ok(decode_image(message.raw(), Colour::rgb));
+      CHECK(largest_difference(image, y) == 0);
+      REQUIRE(image.rgb.size() == 3 * image.pixels.size());
+      CHECK(std::abs(image.rgb[0] - 220) < 4);
+      CHECK(std::abs(image.rgb[2] - 20) < 4);
+      message.data.pop_back();
+      CHECK(word(decode(message).error().code) == "malformed:image_data");
+    }
+  ImageMessage odd = image_message(cv::Mat(3, 6, CV_8UC1), "nv12");
+  odd.data.resize(30);
+  CHECK(word(decode(odd).error().code) == "malformed:image_size");
+}
+
+TEST_CASE("the step of an image is ignored where its data is without padding") {
+  ImageMessage message;
+  for (const std::uint32_t step : {0U, 5U, 9000U, 0xFFFFFFFFU}) {
+    message.step = step;
+    const Image image = require_ok(decode(message));
+    CHECK(image.pixels == std::vector<std::uint8_t>(24, 7));
+    REQUIRE(image.notes.remarks.size() == 1);
+    CHECK(image.notes.remarks[0].context.starts_with("step is " + std::to_string(step) + ", and a row has 6 bytes"));
+  }
+}
+
+TEST_CASE("an encoding that is not converted is named beside those that are") {
+  ImageMessage message;
+  message.encoding = "\x1b[2Jyuv9";
+  const auto refused = decode(message);
+  CHECK_THAT(refused.error().context, Catch::Matchers::StartsWith("encoding '\\x1b[2Jyuv9' is none of mono8, 8UC1, "));
+  CHECK_THAT(refused.error().context, Catch::Matchers::ContainsSubstring("nv12, nv21"));
+}

@@ -69,7 +69,7 @@ TEST_CASE("an image one step outside of a bound is refused with the name of the 
         }},
        // products that would pass in 32 bits
        {"malformed:image_size", [](auto&) {}, [](auto& m) { m.width = m.height = 0x10000; }},
-       {"malformed:step", [](auto& m) { m.step = 6; }, [](auto& m) { m.step = 5; }},
+       {"malformed:step", [](auto& m) { m.step = 6; }, [](auto& m) { m.step = 5, m.data.resize(20); }},
        {"malformed:step",
         [](auto& m) {
           m.encoding = "rgb8", m.step = 18;
@@ -77,10 +77,10 @@ TEST_CASE("an image one step outside of a bound is refused with the name of the 
         },
         [](auto& m) {
           m.encoding = "rgb8", m.step = 17;
-          m.data.resize(72);
+          m.data.resize(71);
         }},
        {"malformed:image_data", [](auto& m) { m.data.resize(24); }, [](auto& m) { m.data.resize(23); }},
-       {"malformed:image_data", [](auto&) {}, [](auto& m) { m.step = 0x40000000; }},
+       {"malformed:image_data", [](auto&) {}, [](auto& m) { m.step = 0x40000000, m.data.resize(25); }},
        {"malformed:step",
         [](auto& m) {
           m.step = 6 + 4096;
@@ -150,56 +150,56 @@ TEST_CASE("a cloud one step outside of a bound is refused with the name of the b
   const auto with = [](CloudField field) { return [=](CloudMessage& m) { m.fields.push_back(field); }; };
   const auto same = [](CloudMessage&) {};
   check_bounds<CloudMessage>(
-      {}, {{"malformed:stamp", [](auto& m) { m.nanosec = 999'999'999; }, [](auto& m) { m.nanosec = 1'000'000'000; }},
-           {"malformed:point_step", single_point(4096), single_point(4097)},
-           {"malformed:point_step", same, [](auto& m) { m.point_step = 0; }},
-           {"malformed:cloud_size", many_points(4'000'000), many_points(4'000'001)},
-           {"malformed:cloud_size", same, [](auto& m) { m.width = m.height = 0x10000; }},
-           {"malformed:fields", with_fields(64), with_fields(65)},
-           {"malformed:field_type", with({"t", 0, 8}), with({"t", 0, 9})},
-           {"malformed:field_type", with({"t", 0, 1}), with({"t", 0, 0})},
-           {"malformed:field_bounds", with({"t", 12, 7}), with({"t", 13, 7})},
-           {"malformed:field_bounds", with({"t", 15, 2}), with({"t", 15, 4})},
-           {"malformed:field_bounds", with({"t", 0, 7, 4}), with({"t", 0, 7, 5})},
-           {"malformed:field_bounds", with({"t", 0, 8, 2}), with({"t", 0, 8, 0xFFFFFFFF})},
-           {"malformed:field_bounds", same, with({"t", 0xFFFFFFFF, 7})},
-           {"malformed:xyz", same, [](auto& m) { m.fields.erase(m.fields.begin() + 1); }},
-           {"malformed:xyz", same, with({"z", 8})},
-           {"malformed:xyz", same, [](auto& m) { m.fields[0].datatype = 5; }},
-           {"malformed:xyz", same, [](auto& m) { m.fields[0].count = 2; }},
-           {"malformed:row_step", [](auto& m) { m.row_step = 48; }, [](auto& m) { m.row_step = 47; }},
-           // 3 points of 48 + 48 bytes; the last row needs no padding
-           {"malformed:cloud_data",
-            [](auto& m) {
-              m.row_step = 50;
-              m.data.resize(98);
-            },
-            [](auto& m) {
-              m.row_step = 50;
-              m.data.resize(97);
-            }},
-           {"malformed:cloud_data", [](auto& m) { m.data.resize(96); }, [](auto& m) { m.data.resize(95); }},
-           {"malformed:row_step",
-            [](auto& m) {
-              m.row_step = 48 + 4096;
-              m.data.resize(2 * m.row_step);
-            },
-            [](auto& m) {
-              m.row_step = 48 + 4097;
-              m.data.resize(2 * m.row_step);
-            }},
-           {"malformed:cloud_data", [](auto& m) { m.data.resize(96 + 4096 + 65536); },
-            [](auto& m) { m.data.resize(96 + 4096 + 65537); }},
-           {"malformed:cloud_data",
-            [](auto& m) {
-              m.width = 0;
-              m.data.resize(65536);
-            },
-            [](auto& m) {
-              m.width = 0;
-              m.data.resize(65537);
-            }},
-           {"malformed:cloud_data", same, [](auto& m) { m.row_step = 0xFFFFFFFF; }}});
+      {},
+      {{"malformed:stamp", [](auto& m) { m.nanosec = 999'999'999; }, [](auto& m) { m.nanosec = 1'000'000'000; }},
+       {"malformed:point_step", single_point(4096), single_point(4097)},
+       {"malformed:point_step", same, [](auto& m) { m.point_step = 0; }},
+       {"malformed:cloud_size", many_points(4'000'000), many_points(4'000'001)},
+       {"malformed:cloud_size", same, [](auto& m) { m.width = m.height = 0x10000; }},
+       {"malformed:fields", with_fields(64), with_fields(65)},
+       {"malformed:field_type", same, [](auto& m) { m.fields[2].datatype = 9; }},
+       {"malformed:field_type", same, [](auto& m) { m.fields[2].datatype = 0; }},
+       {"malformed:field_bounds", [](auto& m) { m.fields[2].offset = 12; }, [](auto& m) { m.fields[2].offset = 13; }},
+       {"malformed:field_bounds", same, [](auto& m) { m.fields[2].count = 3; }},
+       {"malformed:field_bounds", same, [](auto& m) { m.fields[2].count = 0xFFFFFFFF; }},
+       {"malformed:field_bounds", same, [](auto& m) { m.fields[2].offset = 0xFFFFFFFF; }},
+       {"malformed:xyz", same, [](auto& m) { m.fields.erase(m.fields.begin() + 1); }},
+       {"malformed:xyz", same, with({"z", 8})},
+       {"malformed:xyz", same, [](auto& m) { m.fields[0].datatype = 5; }},
+       {"malformed:xyz", same, [](auto& m) { m.fields[0].count = 2; }},
+       {"malformed:row_step", [](auto& m) { m.row_step = 48; }, [](auto& m) { m.row_step = 47, m.data.resize(95); }},
+       // 3 points of 48 + 48 bytes; the last row needs no padding
+       {"malformed:cloud_data",
+        [](auto& m) {
+          m.row_step = 50;
+          m.data.insert(m.data.begin() + 48, 2, 0);
+        },
+        [](auto& m) {
+          m.row_step = 50;
+          m.data.insert(m.data.begin() + 48, 1, 0);
+        }},
+       {"malformed:cloud_data", [](auto& m) { m.data.resize(96); }, [](auto& m) { m.data.resize(95); }},
+       {"malformed:row_step",
+        [](auto& m) {
+          m.row_step = 48 + 4096;
+          m.data.resize(2 * m.row_step);
+        },
+        [](auto& m) {
+          m.row_step = 48 + 4097;
+          m.data.resize(2 * m.row_step);
+        }},
+       {"malformed:cloud_data", [](auto& m) { m.data.resize(96 + 4096 + 65536); },
+        [](auto& m) { m.data.resize(96 + 4096 + 65537); }},
+       {"malformed:cloud_data",
+        [](auto& m) {
+          m.width = 0;
+          m.data.resize(65536);
+        },
+        [](auto& m) {
+          m.width = 0;
+          m.data.resize(65537);
+        }},
+       {"malformed:cloud_data", same, [](auto& m) { m.row_step = 0xFFFFFFFF, m.data.resize(97); }}});
 }
 
 TEST_CASE("a CameraInfo outside of a bound is refused with the name of the bound") {
@@ -220,6 +220,9 @@ TEST_CASE("a CameraInfo outside of a bound is refused with the name of the bound
            {"malformed:intrinsics", same, [](auto& m) { m.k[0] = not_a_number; }},
            {"malformed:intrinsics", same, [](auto& m) { m.k[2] = infinity; }},
            {"malformed:intrinsics", same, [](auto& m) { m.p[3] = not_a_number; }},
+           {"malformed:intrinsics", [](auto& m) { m.k = {}; }, [](auto& m) { m.k = {}, m.p[5] = 1; }},
+           {"malformed:uncalibrated", [](auto& m) { m.p = {}; }, [](auto& m) { m.k = {}, m.p = {}; }},
+           {"malformed:uncalibrated", same, [](auto& m) { m.k = {}, m.p = {}, m.width = m.height = 0; }},
            {"malformed:distortion", model("plumb_bob", 4), model("plumb_bob", 3)},
            {"malformed:distortion", model("plumb_bob", 5), model("plumb_bob", 6)},
            {"malformed:distortion", model("rational_polynomial", 8), model("rational_polynomial", 7)},
@@ -228,6 +231,7 @@ TEST_CASE("a CameraInfo outside of a bound is refused with the name of the bound
            {"malformed:distortion", model("fisheye", 4), model("fisheye", 5)},
            {"malformed:distortion", model("none", 0), model("none", 5)},
            {"malformed:distortion", model("", 0), model("", 1)},
+           {"malformed:distortion", [](auto& m) { m.d.resize(8, 0.0); }, [](auto& m) { m.d.resize(8, 1e-9); }},
            {"malformed:distortion", same, model("pancake", 5)},
            {"malformed:distortion", same, [](auto& m) { m.d[1] = not_a_number; }},
            {"malformed:roi", [](auto& m) { m.roi_x = 600, m.roi_width = 40; },
@@ -292,6 +296,8 @@ void check_outcome(const Result<Value>& result, const std::function<bool(const V
                                               "compressed_data",
                                               "point_step",
                                               "cloud_size",
+                                              "cloud_layout",
+                                              "uncalibrated",
                                               "fields",
                                               "field_type",
                                               "field_bounds",
@@ -323,7 +329,7 @@ TEST_CASE("a randomly corrupted message gives a valid value or a documented erro
     });
   };
   const std::function sound_info = [](const CameraInfo& info) {
-    return info.width > 0 && info.height > 0 && info.K[0] > 1 && info.D.size() <= 8;
+    return info.width > 0 && info.height > 0 && (info.K[0] == 0 ? info.P[0] : info.K[0]) > 1 && info.D.size() <= 8;
   };
   Octets jpeg;
   REQUIRE(cv::imencode(".jpg", cv::Mat(16, 16, CV_8UC3, cv::Scalar(9, 99, 200)), jpeg));

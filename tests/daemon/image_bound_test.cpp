@@ -99,5 +99,5 @@ TEST_CASE("the largest message follows from the configuration") {
   config.pairs.back().lidar.max_points = 1'000'000;
   CHECK(max_sample_bytes(config) == 64'000'000 + 4 * MiB);
   config.pairs.back().camera.camera = camera(8000, 8000);
-  CHECK(max_sample_bytes(config) == 256'000'000 + 4 * MiB);
+  CHECK(max_sample_bytes(config) == 384'000'000 + 4 * MiB);
 }

@@ -38,8 +38,11 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
     calib::fuzz::require(is_malformed(info.error().code));
     return 0;
   }
-  calib::fuzz::require(info->width > 0 && info->height > 0 && info->K[0] > 1 && info->K[4] < 1e5);
+  const bool has_k = info->K[0] != 0;
+  calib::fuzz::require(info->width > 0 && info->height > 0 && (has_k ? info->K[0] : info->P[0]) > 1 &&
+                       (has_k ? info->K[4] : info->P[5]) < 1e5);
   for (const double d : info->D) calib::fuzz::require(std::isfinite(d));
+  if (!has_k) return 0;
   // The lens is a camera, or refused for its image's size; whatever it shows has its way back.
   const auto camera = calib::Camera::make(info->model, info->width, info->height,
                                           {info->K[0], info->K[4], info->K[2], info->K[5]}, info->D);

@@ -104,9 +104,9 @@ WAYS = {
     "image, depth": ("malformed:depth_encoding", IMAGE, lambda: image(encoding="16UC1")),
     "image, no pixels": ("malformed:image_size", IMAGE, lambda: image(width=0)),
     "image, size overflows": ("malformed:image_size", IMAGE, lambda: image(width=2**31, height=2**31, step=2**31)),
-    "image, step": ("malformed:step", IMAGE, lambda: image(step=5)),
+    "image, step": ("malformed:step", IMAGE, lambda: image(step=5, data=np.zeros(20, np.uint8))),
     "image, data": ("malformed:image_data", IMAGE, lambda: image(data=np.zeros(23, np.uint8))),
-    "image, step overflows": ("malformed:image_data", IMAGE, lambda: image(step=2**30)),
+    "image, step overflows": ("malformed:image_data", IMAGE, lambda: image(step=2**30, data=np.zeros(25, np.uint8))),
     "image, padding": ("malformed:step", IMAGE, lambda: image(step=9000, data=np.zeros(36_000, np.uint8))),
     "image, too much data": ("malformed:image_data", IMAGE, lambda: image(data=np.zeros(100_000, np.uint8))),
     "image, another size": ("image_size_mismatch", IMAGE, image),
@@ -122,9 +122,11 @@ WAYS = {
     "cloud, field count overflows": ("malformed:field_bounds", CLOUD, lambda: cloud(fields=fields(count=2**32 - 1))),
     "cloud, no z": ("malformed:xyz", CLOUD, lambda: cloud(fields=fields()[:2])),
     "cloud, two z": ("malformed:xyz", CLOUD, lambda: cloud(fields=fields(name="z"))),
-    "cloud, row step": ("malformed:row_step", CLOUD, lambda: cloud(row_step=95)),
+    "cloud, row step": ("malformed:row_step", CLOUD, lambda: cloud(height=2, width=3, row_step=47, data=np.zeros(95, np.uint8))),
+    "cloud, byte order": ("malformed:cloud_layout", CLOUD, lambda: cloud(is_bigendian=True)),
     "cloud, data": ("malformed:cloud_data", CLOUD, lambda: cloud(data=np.zeros(95, np.uint8))),
-    "cloud, row step overflows": ("malformed:cloud_data", CLOUD, lambda: cloud(height=3, width=2, row_step=2**32 - 1)),
+    "cloud, row step overflows": ("malformed:cloud_data", CLOUD, lambda: cloud(height=3, width=2, row_step=2**32 - 1,
+                                                                                  data=np.zeros(97, np.uint8))),
     # More than 32 MB is refused too, but seldom survives default socket buffers: decode_test has that bound.
     "compressed, empty": ("malformed:compressed_size", COMPRESSED, lambda: compressed(b"")),
     "compressed, format": ("malformed:compressed_format", COMPRESSED, lambda: compressed(b"GIF89a" + bytes(64))),
@@ -141,6 +143,7 @@ WAYS = {
     "compressed, many pixels": ("image_size_mismatch", COMPRESSED, lambda: compressed(PIXELS_BOMB)),
     "info, not finite": ("malformed:intrinsics", INFO, lambda: info(k=with_focal_length(float("nan")))),
     "info, focal length": ("malformed:intrinsics", INFO, lambda: info(k=with_focal_length(1e5))),
+    "info, no calibration": ("malformed:uncalibrated", INFO, lambda: info(k=np.zeros(9))),
     "info, distortion": ("malformed:distortion", INFO, lambda: info(d=np.zeros(3))),
     "info, model": ("malformed:distortion", INFO, lambda: info(distortion_model="pancake")),
     "imu, stamp": ("malformed:stamp", IMU, lambda: imu(header=bad_stamp())),
@@ -158,7 +161,9 @@ class Bench:
     frames: list
 
     def counted(self, reason):
-        return sum(pair["skipped"].get(reason, 0) for pair in self.daemon.pairs().values())
+        """As what a message was not used for, or as a remark."""
+        return sum(pair["skipped"].get(reason, 0) + pair["remarks"].get(reason, {"count": 0})["count"]
+                   for pair in self.daemon.pairs().values())
 
     def evaluates(self):
         """The next good pairs are evaluated."""

@@ -118,6 +118,7 @@ class PairScenario::Window final : public SampleSource {
         static_cast<LidarScan&>(cloud) = std::move(pair.scan);
         sent.emplace_back(std::move(cloud));
       }
+      if (scenario_.world_.sent) scenario_.world_.sent(sent);
     } else {
       scenario_.now_.wall += timeout;
       scenario_.now_.since_boot += timeout;
@@ -137,6 +138,10 @@ class PairScenario::Sensors final : public QuietNetwork {
   Result<std::unique_ptr<SampleSource>> open_window(const PairTopics&) override {
     return std::make_unique<Window>(scenario_);
   }
+  Result<void> publish_proposed(std::span<const ProposedExtrinsic> proposed, WallTime) override {
+    scenario_.proposed_.assign(proposed.begin(), proposed.end());
+    return {};
+  }
   Result<void> publish_alert(const DriftAlert& alert) override {
     scenario_.alerts_.push_back(alert.verdict);
     return {};
@@ -155,7 +160,10 @@ PairScenario::PairScenario(const Settings& settings) : other_program_(nullptr, &
                                  .right_info = {}};
   config_.state_dir = config_.head_dir = config_.runtime_dir = folder_.path();
   config_.pairs.push_back({.name = "front",
-                           .camera = {.image = "/image", .info = {}, .camera = vehicle.camera},
+                           .camera = {.image = "/image",
+                                      .info = settings.camera_info ? std::optional<std::string>("/info") : std::nullopt,
+                                      .frame_id = settings.camera_frame,
+                                      .camera = vehicle.camera},
                            .lidar = {.cloud = "/cloud"},
                            .T_camera_lidar = vehicle.T_camera_lidar * perturbation(settings.wrong_from_start),
                            .depth = stereo,

@@ -38,8 +38,9 @@ struct World {
   bool frozen = false;                     // the camera sends the same image again and again, with new stamps
   bool repeating = false;                  // all sensors send their last samples again, with the same stamps
   std::chrono::nanoseconds lidar_clock{};  // is ahead
-  std::function<void(FramePair&)> samples = nullptr;  // changes what the sensors send
-  std::function<void(DepthMap&)> depth = nullptr;     // changes what the stereo camera makes of it
+  std::function<void(FramePair&)> samples = nullptr;         // changes what the sensors send
+  std::function<void(std::vector<Sample>&)> sent = nullptr;  // changes what arrives, or adds to it
+  std::function<void(DepthMap&)> depth = nullptr;            // changes what the stereo camera makes of it
 };
 
 /// A LiDAR that has turned (degrees) and gone (cm).
@@ -55,6 +56,8 @@ class PairScenario {
     Vector6 wrong_from_start = Vector6::Zero();  // how far off the configured extrinsic is
     /// Begins when the extrinsic's baseline has been learned, from as many pairs as it ever is.
     bool learned = true;
+    bool camera_info = false;  // whether camera.info is configured
+    FrameName camera_frame{"camera_optical", "camera.frame_id"};
   };
   PairScenario() : PairScenario(Settings{}) {}
   explicit PairScenario(const Settings& settings);
@@ -96,6 +99,10 @@ class PairScenario {
   [[nodiscard]] CalibrationRecord last_record() const;
   [[nodiscard]] const std::vector<std::string>& journal() const { return journal_; }
 
+  /// The last that were published.
+  [[nodiscard]] const std::vector<ProposedExtrinsic>& proposed() const { return proposed_; }
+  [[nodiscard]] const Camera& camera() const { return config_.pairs[0].camera.camera; }
+
   /// To the next window, of this world.
   void pass_time(const World& world = {});
   [[nodiscard]] Service& service() { return *service_; }
@@ -128,6 +135,7 @@ class PairScenario {
   std::uint64_t first_record_ = 1;
   std::vector<Verdict> alerts_;
   std::vector<std::string> journal_;
+  std::vector<ProposedExtrinsic> proposed_;
 };
 
 }  // namespace calib::test

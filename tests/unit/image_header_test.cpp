@@ -91,6 +91,11 @@ TEST_CASE("the scans of a JPEG are counted, wherever they are hidden, and a thum
   CHECK(scans(head + "\xff\xff\xff" + start_of_scan + data + segment('\xc4', "table") + "garbage" + start_of_scan) ==
         2);
   CHECK(scans(head + start_of_scan + data + "\xff\xd9" + start_of_scan) == 1);
+  // What follows the end of the image does not matter, and without that end it is cut short.
+  for (const std::string tail : {"", "\xff\xff\xff\xff", "a second picture"})
+    CHECK(read_image_header(head + start_of_scan + data + "\xff\xff\xff\xd9" + tail)->complete);
+  CHECK_FALSE(read_image_header(head + start_of_scan + data)->complete);
+  CHECK_FALSE(read_image_header(head + "\xff\xd9")->complete);
   std::string many = head;
   for (int i = 0; i < 100; ++i) many += start_of_scan + data;
   CHECK(read_image_header(many)->in_bounds());

@@ -166,6 +166,36 @@ TEST_CASE("a list names its frames one by one, relative to itself") {
   CHECK(pair.scan.points.at(0).x_m == 2);
 }
 
+TEST_CASE("extensions are read in either case") {
+  const test::TemporaryFolder folder;
+  write_frame(folder.path() / "images/0.png", folder.path() / "clouds/0.bin", 1);
+  fs::rename(folder.path() / "images/0.png", folder.path() / "images/0.PNG");
+  fs::rename(folder.path() / "clouds/0.bin", folder.path() / "clouds/0.BIN");
+  write_file(folder.path() / "list.yaml", std::string(list_head) + "images: images\nclouds: clouds\n");
+  const auto recording = test::require_ok(open_list(folder.path() / "list.yaml"));
+  REQUIRE(recording.size() == 1);
+  CHECK(test::require_ok(recording.frame(0)).scan.points.at(0).x_m == 1);
+}
+
+TEST_CASE("a list says how its clouds are written, and who opens it may say otherwise") {
+  const test::TemporaryFolder folder;
+  const fs::path yaml = folder.path() / "list.yaml";
+  write_frame(folder.path() / "a.png", folder.path() / "a.bin", 1);
+  const float points[] = {1, 2, 3, 9, 31, 4, 5, 6, 8, 30};
+  write_file(folder.path() / "a.bin", {reinterpret_cast<const char*>(points), sizeof points});
+  const std::string frame = "frames: [{image: a.png, cloud: a.bin}]\n";
+  write_file(yaml, std::string(list_head) + "cloud_layout: float32x5\n" + frame);
+  auto recording = test::require_ok(open_list(yaml));
+  CHECK(test::require_ok(recording.frame(0)).scan.points.at(1).reflectance == 8);
+  recording.set_cloud_layout({});
+  CHECK(recording.frame(0).error().code == "cloud_unreadable");
+  for (const char* wrong : {"xyzi", "[1, 2]", "4"}) {
+    write_file(yaml, std::string(list_head) + "cloud_layout: " + wrong + "\n" + frame);
+    CHECK(open_list(yaml).error().code == "calibration_malformed");
+  }
+  CHECK(mentions(open_list(yaml).error(), "list.yaml:3: '4' is no layout of a cloud; write float32x4"));
+}
+
 TEST_CASE("a list names folders whose files go together by name") {
   const test::TemporaryFolder folder;
   for (int i = 0; i < 3; ++i)
@@ -230,6 +260,10 @@ TEST_CASE("a list that is wrong says where and what") {
                 "bad_camera", "list.yaml: camera model 'pinhole'"},
            Case{"camera: {model: rectified, size: [32], intrinsics: [20, 20, 3, 4]}\nT_camera_lidar: {}\n" + frame,
                 "calibration_malformed", "size is not [width, height]"},
+           Case{"camera: {model: rectified, size: [32, 16], intrinsics: [20, 20, 3, 4], bits: 17}\nT_camera_lidar:\n"
+                "  {translation_m: [0, 0, 0], quaternion_xyzw: [0, 0, 0, 1]}\n" +
+                    frame,
+                "calibration_malformed", "list.yaml:1: bits is not within 8 .. 16"},
            Case{"camera: {model: rectified, size: [32, 16], intrinsics: [20, 20, 3, 4]}\nT_camera_lidar: {matrix: "
                 "[[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}\n" +
                     frame,
@@ -329,6 +363,20 @@ TEST_CASE("a written list reads back as it was") {
 
   write_file(folder.path() / "file", "");
   CHECK(ListWriter::create(folder.path() / "file/out", camera, T_camera_lidar).error().code == "write_failed");
+}
+
+TEST_CASE("16-bit images are scaled by the bits of their camera, and remarked when they seem to have fewer") {
+  const test::TemporaryFolder folder;
+  const fs::path path = folder.path() / "deep.pgm";
+  write_file(path, std::string("P5 4 1 65535\n\x0f\xff\x08\x00\x00\x10\x00\x00", 21));  // 4095, 2048, 16, 0
+  const Image dark = test::require_ok(read_image(path));
+  CHECK(dark.pixels == std::vector<std::uint8_t>{15, 8, 0, 0});
+  REQUIRE(dark.notes.remarks.size() == 1);
+  CHECK(dark.notes.remarks[0].code == ErrorCode::image_bits);
+  CHECK(mentions(dark.notes.remarks[0], "stay below 4096 (the greatest is 4095); if the camera has 12 bits, write"));
+  const Image scaled = test::require_ok(read_image(path, Colours::rgb, std::nullopt, 12));
+  CHECK(scaled.pixels == std::vector<std::uint8_t>{255, 128, 1, 0});
+  CHECK(scaled.notes.remarks.empty());
 }
 
 TEST_CASE("images are read in colour when that is asked for and the file has it, and their grey is the same") {

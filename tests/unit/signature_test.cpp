@@ -180,6 +180,28 @@ TEST_CASE("the trusted comment is signed, and the signature file has one form") 
   CHECK(code(std::string(4096, '\0')) == "bad_signature");
 }
 
+TEST_CASE_METHOD(Fixture, "carriage returns at the ends of lines are accepted wherever minisign accepts them") {
+  const SigningKey key = SigningKey::generate();
+  require_ok(key.save(key_file));
+  const auto with_returns = [](std::string text) {
+    for (std::size_t at = 0; (at = text.find('\n', at)) != std::string::npos; at += 2) text.insert(at, "\r");
+    return text;
+  };
+  const std::string signature = with_returns(key.sign(message, "sequence 7"));
+  require_ok(verify_signature(message, signature, key.public_key()));
+  CHECK_FALSE(verify_signature(message, with_returns(signature), key.public_key()));  // two of them
+  std::string amid = key.sign(message, "sequence 7");
+  amid.insert(amid.size() - 9, "\r");
+  CHECK_FALSE(verify_signature(message, amid, key.public_key()));
+
+  write(signature_file, signature);
+  write(public_file, with_returns(content_of(public_file)));
+  CHECK(succeeds("minisign -V -p " + public_file.string() + " -m " + message_file.string()));
+  CHECK(require_ok(load_public_key(public_file)).id == key.public_key().id);
+  write(key_file, with_returns(content_of(key_file)));
+  CHECK(require_ok(SigningKey::load(key_file)).public_key().id == key.public_key().id);
+}
+
 TEST_CASE_METHOD(Fixture, "minisign's older form without a hash is refused") {
   const SigningKey key = SigningKey::generate();
   require_ok(key.save(key_file));

@@ -179,8 +179,9 @@ TEST_CASE("a status with anything missing or of another kind is refused") {
   for (const auto& [path, value] : fields.items()) {
     if (path.find("right_image") != std::string::npos || path.find("/depth") != std::string::npos ||
         path.find("/motion") != std::string::npos || path.find("/skipped/") != std::string::npos ||
-        path.find("/axes") != std::string::npos || path.find("/detection_limit") != std::string::npos ||
-        path == "/pairs/0/evidence" || path.ends_with("/not_written") || path == "/records/missing")
+        path.find("/axes") != std::string::npos || path.find("/remarks") != std::string::npos ||
+        path.find("/detection_limit") != std::string::npos || path == "/pairs/0/evidence" ||
+        path.ends_with("/not_written") || path == "/records/missing")
       continue;
     INFO(path);
     const json::json_pointer pointer(path);
@@ -193,6 +194,24 @@ TEST_CASE("a status with anything missing or of another kind is refused") {
       missing[pointer.parent_pointer()].erase(pointer.back());
       CHECK(refused(missing));
     }
+  }
+}
+
+TEST_CASE("remarks are told with their count and the last one; an earlier calibd has none") {
+  std::mt19937 random(3);
+  Status status = random_status(random);
+  status.pairs = {random_pair(random)};
+  status.pairs[0].remarks["malformed:row_step"] = {7, "/points: row_step is 0"};
+  json sent = to_json(status);
+  const Status read = require_ok(parse_status(sent));
+  REQUIRE(read.pairs[0].remarks.size() == 1);
+  CHECK(read.pairs[0].remarks.at("malformed:row_step").count == 7);
+  CHECK(read.pairs[0].remarks.at("malformed:row_step").text == "/points: row_step is 0");
+  sent["pairs"][0].erase("remarks");
+  CHECK(require_ok(parse_status(sent)).pairs[0].remarks.empty());
+  for (const json& wrong : {json(1), json{{"a", 1}}, json{{"a", {{"count", -1}, {"text", ""}}}}}) {
+    sent["pairs"][0]["remarks"] = wrong;
+    CHECK_FALSE(parse_status(sent));
   }
 }
 

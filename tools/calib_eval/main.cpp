@@ -176,6 +176,10 @@ void CommandLine::add_recording(CLI::App& to, bool or_simulation) {
   to.add_option("--drive", recording_frames_.drive, "Drive of kitti-360");
   to.add_option("--camera", recording_frames_.camera,
                 "image_00 .. image_03; default image_02 of kitti-raw, image_00 of kitti-360");
+  to.add_option("--cloud-layout", recording_frames_.cloud_layout,
+                "Numbers of a point in .bin clouds: float32x4 (as KITTI), float32x5 (as nuScenes), float64x4, ...")
+      ->needs(dataset)
+      ->check(parses(parse_cloud_layout, "LAYOUT"));
   auto* const source =
       to.add_option("--depth", recording_frames_.depth,
                     or_simulation ? "Depth that is made: stereo, onnx:DESCRIPTOR or, of simulated streets, true"

@@ -32,7 +32,7 @@ struct Source {
 };
 
 Result<Source> open_recording(const RecordingOptions& options) {
-  const auto recording = [&] {
+  auto recording = [&] {
     if (options.dataset == "kitti-raw")
       return open_kitti_raw(options.root, options.camera.empty() ? "image_02" : options.camera);
     if (options.dataset == "kitti-360")
@@ -40,6 +40,11 @@ Result<Source> open_recording(const RecordingOptions& options) {
     return open_list(options.root);
   }();
   if (!recording) return propagate(recording);
+  if (!options.cloud_layout.empty()) {
+    const auto layout = parse_cloud_layout(options.cloud_layout);
+    if (!layout) return propagate(layout);
+    recording->set_cloud_layout(*layout);
+  }
   Source source{recording->camera(),
                 recording->T_camera_lidar(),
                 recording->baseline_m(),
@@ -267,6 +272,9 @@ Result<RecordingFrames> RecordingFrames::read(const RecordingOptions& options) {
   for (std::size_t i = 0; i < indices.size(); ++i) {
     Reading& reading = readings[i];
     if (!reading.pair) return propagate(reading.pair);
+    if (i == 0)
+      for (const Error& noted : reading.pair->image.notes.remarks)
+        recording_frames.remarks.push_back("image of frame " + source->names[indices[i]] + ": " + noted.context);
     if (i == 0)
       if (auto plausible = check_first(reading, recording_frames); !plausible) return propagate(plausible);
     const std::string& name = source->names[indices[i]];

@@ -15,6 +15,7 @@ namespace calib::eval {
 struct RecordingOptions {
   std::string dataset;  // kitti-raw, kitti-360, list or sim: streets that are simulated
   std::filesystem::path root;
+  std::string cloud_layout;   // of clouds in .bin; empty: what the recording says, or float32x4
   std::string drive, camera;  // empty: the layout's usual camera
   std::string depth;          // stereo, onnx:DESCRIPTOR or, of simulated streets, true; empty: from files
   std::filesystem::path depth_dir;

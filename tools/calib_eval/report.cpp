@@ -237,6 +237,12 @@ std::vector<std::string> remarks(const Experiment& experiment) {
     remarks.push_back(std::to_string(summarise(experiment.runs).failures) + " of " +
                       std::to_string(experiment.runs.size()) +
                       " searches failed, the first with: " + failed->result.error().context);
+  const Summary summary = summarise(experiment.runs);
+  if (summary.starts > 0 && 2 * summary.hits < summary.starts)
+    remarks.push_back(
+        "only " + std::to_string(summary.hits) + " of " + std::to_string(summary.starts) +
+        " searches end at the recording's extrinsic: a search over these frames is not to be believed, or "
+        "that extrinsic is wrong");
   return remarks;
 }
 

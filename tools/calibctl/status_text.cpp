@@ -87,6 +87,8 @@ void pair_lines(Text& text, const PairStatus& pair, const RecordCheck& check, Wa
       counted(pair.evaluated, "pair") +
           (pair.last_evaluated ? ", the last " + duration(seconds_between(*pair.last_evaluated, now)) + " ago" : ""));
   text.wrapped("Skipped", skipped_words(pair));
+  for (const auto& [code, remark] : pair.remarks)
+    text.wrapped("Remark", remark.text + " (" + code + ", " + counted(remark.count, "time") + ')');
   if (pair.score)
     text.line("Score", decimals(pair.score->current, 5) + " (best neighbour " +
                            decimals(pair.score->best_neighbour, 5) +

@@ -13,6 +13,7 @@ Result<EncodedImage> EncodedImage::read(const std::filesystem::path& path, Error
   if (!bytes) return fail(code, bytes.error().context);
   const auto header = read_image_header(*bytes);
   if (!header) return fail(code, path.string() + " is not an image (PNG, JPEG, TIFF, BMP, PNM, PFM)");
+  if (!header->complete) return fail(code, path.string() + " is cut short: no end of image follows its pixels");
   if (!header->in_bounds())
     return fail(code, path.string() + " is " + std::to_string(header->width) + " x " + std::to_string(header->height) +
                           " pixels in " + std::to_string(header->scans) + " scans; up to 64 Mpx and 100 are read");

@@ -6,6 +6,8 @@
 #include <set>
 #include <string>
 
+#include "dataset/extension.hpp"
+
 namespace calib {
 namespace {
 
@@ -19,7 +21,7 @@ Result<Files> files_in(const fs::path& folder, const char* what, std::initialize
   Files files;
   // Not a range, whose steps throw.
   for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error))
-    if (std::ranges::find(extensions, entry->path().extension()) != extensions.end())
+    if (std::ranges::find(extensions, extension_of(entry->path())) != extensions.end())
       files.emplace(entry->path().stem().string(), entry->path());
   if (error || files.empty()) return fail(ErrorCode::recording_not_found, folder.string() + " holds no " + what);
   return files;

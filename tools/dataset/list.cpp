@@ -45,7 +45,7 @@ T value(const YAML::Node& parent, const char* key, const char* what) {
 }
 
 Result<Camera> read_camera(const YAML::Node& node) {
-  check_keys(node, "camera", {"model", "size", "intrinsics", "distortion"});
+  check_keys(node, "camera", {"model", "size", "intrinsics", "distortion", "bits"});
   const auto model = parse_camera_model(value<std::string>(node, "model", "the name of a camera model"));
   if (!model) return propagate(model);
   const auto size = value<std::vector<int>>(node, "size", "[width, height]");
@@ -94,10 +94,10 @@ std::vector<RecordedFrame> read_frames(const YAML::Node& node, const fs::path& f
   return frames;
 }
 
-Result<Recording> read_list(const YAML::Node& root, const fs::path& folder) {
+Result<Recording> read_frames_and_calibration(const YAML::Node& root, const fs::path& folder) {
   if (root.IsNull()) throw Malformed{root.Mark(), "the file is empty"};
   check_keys(root, "a recording",
-             {"camera", "baseline_m", "T_camera_lidar", "frames", "images", "right_images", "clouds"});
+             {"camera", "baseline_m", "T_camera_lidar", "frames", "images", "right_images", "clouds", "cloud_layout"});
   for (const char* key : {"camera", "T_camera_lidar"})
     if (!root[key]) throw Malformed{root.Mark(), std::string(key) + " is missing"};
   if (!root["frames"] && !root["images"]) throw Malformed{root.Mark(), "frames (or images and clouds) are missing"};
@@ -122,6 +122,20 @@ Result<Recording> read_list(const YAML::Node& root, const fs::path& folder) {
       frames_by_name(images, root["right_images"] ? std::optional(path("right_images")) : std::nullopt, clouds);
   if (!frames) return propagate(frames);
   return Recording(*std::move(camera), *T_camera_lidar, baseline_m, *std::move(frames));
+}
+
+Result<Recording> read_list(const YAML::Node& root, const fs::path& folder) {
+  auto recording = read_frames_and_calibration(root, folder);
+  if (recording && root["camera"]["bits"]) {
+    const int bits = value<int>(root["camera"], "bits", "a number of bits");
+    if (bits < 8 || bits > 16) throw Malformed{root["camera"]["bits"].Mark(), "bits is not within 8 .. 16"};
+    recording->set_image_bits(bits);
+  }
+  if (!recording || !root["cloud_layout"]) return recording;
+  const auto layout = parse_cloud_layout(value<std::string>(root, "cloud_layout", "a layout such as float32x4"));
+  if (!layout) throw Malformed{root["cloud_layout"].Mark(), layout.error().context};
+  recording->set_cloud_layout(*layout);
+  return recording;
 }
 
 }  // namespace

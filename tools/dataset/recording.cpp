@@ -5,8 +5,8 @@
 namespace calib {
 namespace {
 
-Result<Image> read_camera_image(const std::filesystem::path& path, const Camera& camera, Colours colours) {
-  return read_image(path, colours, std::pair(camera.width(), camera.height()));
+Result<Image> read_camera_image(const std::filesystem::path& path, const Camera& camera, Colours colours, int bits) {
+  return read_image(path, colours, std::pair(camera.width(), camera.height()), bits);
 }
 
 }  // namespace
@@ -15,14 +15,14 @@ Result<FramePair> Recording::frame(std::size_t index, Colours colours) const {
   if (index >= size())
     return fail(ErrorCode::frame_out_of_range, "frame " + std::to_string(index) + " of " + std::to_string(size()));
   const RecordedFrame& files = frames_.complete[index];
-  auto image = read_camera_image(files.image, camera_, colours);
+  auto image = read_camera_image(files.image, camera_, colours, image_bits_);
   if (!image) return propagate(image);
-  auto scan = read_cloud(files.cloud);
+  auto scan = read_cloud(files.cloud, cloud_layout_);
   if (!scan) return propagate(scan);
   image->stamp = scan->stamp = index * std::chrono::milliseconds(100);
   FramePair pair{*std::move(image), std::nullopt, *std::move(scan)};
   if (files.right_image) {
-    auto right = read_camera_image(*files.right_image, camera_, Colours::grey);
+    auto right = read_camera_image(*files.right_image, camera_, Colours::grey, image_bits_);
     if (!right) return propagate(right);
     right->stamp = pair.image.stamp;
     pair.right_image = *std::move(right);

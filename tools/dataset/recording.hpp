@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "calib/camera.hpp"
+#include "calib/cloud_layout.hpp"
 #include "calib/frame.hpp"
 #include "calib/geometry.hpp"
 #include "calib/result.hpp"
@@ -51,8 +52,15 @@ class Recording {
   /// What frames lack that are not among those, a phrase for each.
   [[nodiscard]] const std::vector<std::string>& lacks() const { return frames_.lacks; }
 
+  /// How clouds in `.bin` are written, where the user says so.
+  void set_cloud_layout(const CloudLayout& layout) { cloud_layout_ = layout; }
+
+  /// Of 16-bit images, where the camera fills fewer than 16.
+  void set_image_bits(int bits) { image_bits_ = bits; }
+
   /// Frame `index` of `size()`; all stamps are `index` x 100 ms. Fails with `frame_out_of_range`, `image_unreadable`
-  /// (or not of the calibration's size), `cloud_unreadable` or `cloud_empty`. `colours` are those of the left image.
+  /// (or not of the calibration's size), `cloud_unreadable`, `cloud_layout` or `cloud_empty`. `colours` are those of
+  /// the left image.
   [[nodiscard]] Result<FramePair> frame(std::size_t index, Colours colours = Colours::grey) const;
 
  private:
@@ -60,6 +68,8 @@ class Recording {
   RigidTransform T_camera_lidar_;
   std::optional<double> baseline_m_;
   RecordedFrames frames_;
+  std::optional<CloudLayout> cloud_layout_;
+  int image_bits_ = 16;
 };
 
 // Each of the following fails with `recording_not_found` (no such folder, or one without images or clouds),

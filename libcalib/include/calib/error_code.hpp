@@ -40,6 +40,11 @@ namespace calib {
   MALFORMED(compressed_scans) MALFORMED(compressed_metadata) MALFORMED(compressed_data)                          \
   MALFORMED(depth_encoding) MALFORMED(disparity_scale) MALFORMED(disparity_range) MALFORMED(valid_window)        \
   MALFORMED(intrinsics) MALFORMED(distortion) MALFORMED(roi) MALFORMED(angular_velocity)                         \
+  MALFORMED(cloud_layout)                                                                                        \
+  MALFORMED(uncalibrated)                                                                                        \
+  MALFORMED(disparity_sign)                                                                                      \
+  CODE(frame_id_mismatch)                                                                                        \
+  CODE(image_bits)                                                                                               \
   CODE(camera_info_missing) CODE(camera_info_mismatch) CODE(duplicate_frame) CODE(out_of_memory)                 \
   /* daemon: DDS and service */                                                                                  \
   CODE(bad_interface) CODE(bad_topic) CODE(dds_failed)                                                           \
@@ -53,6 +58,7 @@ namespace calib {
   CODE(no_answer)                                                                                                \
   /* tools: recordings */                                                                                        \
   CODE(calibration_malformed) CODE(calibration_missing) CODE(cloud_empty) CODE(cloud_unreadable)                 \
+  CODE(cloud_layout)                                                                                             \
   CODE(depth_empty) CODE(depth_unreadable) CODE(frame_mismatch) CODE(frame_out_of_range) CODE(image_unreadable)  \
   CODE(recording_not_found) CODE(unknown_depth_kind)                                                             \
   /* tools: calib-eval, calib-sim and calib-replay */                                                            \

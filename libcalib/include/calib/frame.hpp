@@ -3,14 +3,26 @@
 #include <chrono>
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "calib/camera.hpp"
+#include "calib/result.hpp"
 
 namespace calib {
 
 /// When a sensor measured, by the sensor's (ROS message's) clock: nanoseconds since the epoch of that clock.
 using Timestamp = std::chrono::nanoseconds;
+
+/// What a message says about its samples. Nothing is computed from it.
+struct MessageNotes {
+  /// As sent, cut to `longest_frame_id` bytes; untrusted text. Empty where there is no message or it names no frame.
+  std::string frame_id = {};
+  /// What was wrong in a field that the samples do not depend on, and was ignored.
+  std::vector<Error> remarks = {};
+
+  static constexpr std::size_t longest_frame_id = 128;
+};
 
 /// An 8-bit grey image. Row-major, no padding: `pixels.size() == width * height`.
 struct Image {
@@ -21,6 +33,7 @@ struct Image {
   /// The same in colour, red, green and blue interleaved: three bytes a pixel. Empty when the source is grey or colour
   /// was not asked for.
   std::vector<std::uint8_t> rgb = {};
+  MessageNotes notes = {};
 };
 
 /// Depth that came from outside, in the frame and pixels of the camera that made it: inverse depth (1/m) along the
@@ -30,6 +43,7 @@ struct DepthImage {
   int width = 0;
   int height = 0;
   std::vector<float> inverse_depth;
+  MessageNotes notes = {};
 };
 
 /// One LiDAR return in the LiDAR frame.
@@ -43,6 +57,7 @@ struct LidarPoint {
 struct LidarScan {
   Timestamp stamp{};
   std::vector<LidarPoint> points;
+  MessageNotes notes = {};
 };
 
 /// How fast the vehicle turned at one moment: the length of its angular velocity, which is the same however the sensor

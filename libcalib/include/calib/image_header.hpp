@@ -13,6 +13,9 @@ struct ImageHeader {
 
   std::int64_t width = 0, height = 0;
   int scans = 1;
+  /// False for a JPEG without an end of image behind its scans: decoders fill the rest of its pixels with grey. What
+  /// follows that end does not matter.
+  bool complete = true;
   /// Whether decoding it takes bounded memory and time.
   [[nodiscard]] bool in_bounds() const {
     return width >= 1 && height >= 1 && width <= most_pixels && height <= most_pixels / width && scans <= most_scans;

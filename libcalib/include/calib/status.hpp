@@ -28,6 +28,13 @@ struct PairStatus {
   /// Samples or pairs that were not evaluated, by reason.
   std::map<std::string, std::uint64_t> skipped;
 
+  /// What was wrong in messages that were used all the same, by the word of its code, since calibd started.
+  struct Remark {
+    std::uint64_t count = 0;
+    std::string text;  // of the last one
+  };
+  std::map<std::string, Remark> remarks;
+
   struct Score {
     double current = 0, best_neighbour = 0;
     std::optional<double> baseline;
