@@ -152,6 +152,8 @@ std::string evidence_text(const ConfigNode& pair) {
   if (const auto recalibration = pair.find("recalibration"))  // features depend on these bounds
     for (const char* key : {"max_rotation_deg", "max_translation_cm"})
       if (const auto node = recalibration->find(key)) text += std::string(key) + ':' + node->canonical() + '\n';
+  if (const auto drift = pair.find("drift"))  // decides which pairs are evidence
+    if (const auto node = drift->find("min_scene_change")) text += "min_scene_change:" + node->canonical() + '\n';
   return text;
 }
 
@@ -217,7 +219,9 @@ Config read_config(const ConfigNode& top, const DefaultFolders& defaults) {
 double false_alarms_per_pair(const Config& config, const DriftConfig& drift) {
   const double samples_per_week =
       drift.driving_hours_per_week * 3600 / std::chrono::duration<double>(config.sampling.period).count();
-  return drift.false_alerts_per_1000_vehicle_weeks / 1000 / samples_per_week / static_cast<double>(config.pairs.size());
+  // Beyond one in a hundred the charts have no limits.
+  return std::min(0.01, drift.false_alerts_per_1000_vehicle_weeks / 1000 / samples_per_week /
+                            static_cast<double>(config.pairs.size()));
 }
 
 std::chrono::nanoseconds evidence_lifetime(const SamplingConfig& sampling, std::chrono::nanoseconds cycle) {

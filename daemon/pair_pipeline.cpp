@@ -29,7 +29,7 @@ PairSettings pair_settings(const Config& config, const PairConfig& pair, std::st
   settings.drift.false_alarms_per_pair = false_alarms_per_pair(config, pair.drift);
   settings.drift.must_detect_rotation_rad = pair.drift.must_detect_rad;
   settings.drift.pairs_to_detect =
-      std::max(1.0, std::chrono::duration<double>(pair.drift.notice_within) / config.sampling.period);
+      std::max(20.0, std::chrono::duration<double>(pair.drift.notice_within) / config.sampling.period);
   settings.drift.min_scene_change = pair.drift.min_scene_change.value_or(settings.drift.min_scene_change);
   return settings;
 }

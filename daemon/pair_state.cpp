@@ -106,8 +106,14 @@ DriftBaseline baseline_from(const json& in) {
                                .score_squares = in.at("score_squares").get<double>(),
                                .batches = integer_from<int>(in.at("batches")),
                                .batch_squares = vector6(in.at("batch_squares"))};
-  if (baseline.pairs < 0 || baseline.sensitivities < 0 || baseline.batches < 0)
-    throw std::invalid_argument("baseline pairs");
+  constexpr int most = 1'000'000;
+  const auto in_order = [](int count) { return count >= 0 && count <= most; };
+  const bool squares = baseline.slope_products.diagonal().minCoeff() >= 0 &&
+                       baseline.sensitivity_squares.minCoeff() >= 0 && baseline.batch_squares.minCoeff() >= 0 &&
+                       baseline.prominence_squares >= 0 && baseline.score_squares >= 0;
+  if (!in_order(baseline.pairs) || !in_order(baseline.sensitivities) || !in_order(baseline.batches) ||
+      baseline.sensitivities > baseline.pairs || !squares)
+    throw std::invalid_argument("a baseline");
   return baseline;
 }
 
@@ -130,9 +136,10 @@ DriftState drift_from(const json& in) {
   DriftState drift;
   for (const json& evidence : in.at("recent")) drift.recent.push_back(evidence_from(evidence));
   drift.unlearned = integer_from<int>(in.at("unlearned"));
-  if (drift.unlearned < 0 || drift.unlearned > static_cast<int>(drift.recent.size()))
-    throw std::invalid_argument("pairs that are not learned");
   drift.repeats = integer_from<int>(in.at("repeats"));
+  if (drift.recent.size() > 24 || drift.unlearned < 0 || drift.unlearned > static_cast<int>(drift.recent.size()) ||
+      drift.repeats < 0 || drift.repeats > 100)
+    throw std::invalid_argument("recent pairs");
   drift.baseline = baseline_from(in.at("baseline"));
   drift.gathered = baseline_from(in.at("gathered"));
   drift.waiting = baseline_from(in.at("waiting"));

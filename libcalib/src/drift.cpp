@@ -35,24 +35,28 @@ constexpr double slow_share = 0.2;
 constexpr int sequences = 13;
 /// A scene that lasts for so many pairs counts once more, so that a road that always looks the same is watched.
 constexpr int longest_repeats = 30;
-/// Batches of the baseline hold this share of its pairs, or of those within which a shift must be detected if these are
-/// fewer. When a quarter of the time that a detection takes has passed there is evidence, which ends the learning.
-constexpr double batch_share = 0.2;
-constexpr int smallest_batch = 5;
-/// A batch whose mean is so many standard errors from that of the baseline waits until a later one is not.
+/// Batches of the baseline hold the one share of its pairs, up to the other share of those within which a shift must be
+/// detected: a detection has evidence after a quarter of its time, and that ends the learning.
+constexpr double own_share = 0.25, batch_share = 0.25;
+/// Batches whose mean is so many standard errors from that of the baseline, as roads let it wander, wait until further
+/// ones have brought it back.
 constexpr double doubtful_sigmas = 2;
 /// Hysteresis: the share of `must_detect_rotation_rad` and of the pairs below which `insufficient_power` ends.
 constexpr double clear_share = 0.8;
 /// The reference values are raised by this many standard errors of the baseline's mean, each 1 / sqrt(pairs)
 /// deviations.
 constexpr double mean_sigmas = 1.5;
+/// Verdicts about the baseline that is being learned.
+constexpr bool is_of_start(DriftVerdict verdict) {
+  return verdict == DriftVerdict::suspect || verdict == DriftVerdict::drifted;
+}
 
 double median(double a, double b, double c) { return std::max(std::min(a, b), std::min(std::max(a, b), c)); }
 
 /// How far beyond the bias of a depth source the optimum lies along an axis, in standard errors. Where there is no
 /// maximum nearby any significant slope counts: then the extrinsic is far off.
 double start_misalignment(const DriftBaseline& seen, int axis, double max_bias) {
-  const double slope_error = std::sqrt(seen.slope_products(axis, axis) / (seen.pairs - 1) / seen.pairs);
+  const double slope_error = seen.spread(axis) / std::sqrt(seen.pairs);
   if (slope_error <= 0 || !std::isfinite(max_bias)) return 0;
   const double allowed = std::max(0.0, seen.sensitivity(axis, axis)) * max_bias;
   return (std::abs(seen.slope[axis]) - allowed) / slope_error;
@@ -71,6 +75,9 @@ DriftSettings usual_drift_settings(bool monocular_depth) {
 
 DriftMonitor::DriftMonitor(const DriftSettings& settings, DriftState state)
     : settings_(settings), state_(std::move(state)) {
+  // A verdict stands on the baseline that it was made with, also where the settings ask for a larger one since.
+  if (state_.verdict == DriftVerdict::calibrated || state_.verdict == DriftVerdict::insufficient_power)
+    settings_.baseline_pairs = std::min(settings_.baseline_pairs, std::max(2, state_.baseline.pairs));
   const auto limit = [&](std::size_t chart, std::size_t charts, double share_of_alarms) {
     return cusum_limit(own_references[chart],
                        static_cast<double>(sequences * charts) / (share_of_alarms * settings_.false_alarms_per_pair));
@@ -83,6 +90,10 @@ DriftMonitor::DriftMonitor(const DriftSettings& settings, DriftState state)
     if (const double slow = limit(chart, most_slow, slow_share);
         slow / own_references[chart] <= settings_.pairs_to_detect)
       limits_.push_back(slow);
+  // What is not in use now may be again, long after.
+  for (auto& [positive, negative] : state_.charts)
+    for (Charts* charts : {&positive, &negative})
+      std::fill(charts->begin() + static_cast<std::ptrdiff_t>(limits_.size()), charts->end(), Cusum{});
 }
 
 void DriftMonitor::restart() { state_ = {}; }
@@ -133,7 +144,7 @@ void DriftMonitor::accumulate() {
     }
   }
   if (baseline.prominence_spread() <= 0) return;
-  for (std::size_t chart = limits_.size(); chart-- > 0;) {
+  for (std::size_t chart = quick_charts; chart-- > 0;) {
     const double prominence = taken(chart, [](const AxisEvidence& evidence) { return evidence.prominence; });
     const double lost = (baseline.prominence - prominence) / baseline.prominence_spread();
     update(state_.loss_charts, chart, std::min(lost - loss_reference(chart), max_deviation));
@@ -181,7 +192,7 @@ bool DriftMonitor::detects_lost_maximum(double pairs) const {
   const DriftBaseline& baseline = state_.baseline;
   if (baseline.prominence_spread() <= 0) return false;
   const double lost = baseline.prominence / baseline.prominence_spread();
-  for (std::size_t chart = 0; chart < limits_.size(); ++chart)
+  for (std::size_t chart = 0; chart < quick_charts; ++chart)
     if ((lost - loss_reference(chart)) * pairs > limits_[chart]) return true;
   return false;
 }
@@ -204,7 +215,8 @@ DriftVerdict DriftMonitor::decide() const {
 /// The verdict while there is no baseline.
 DriftVerdict DriftMonitor::decide_from_start() const {
   const DriftBaseline& seen = state_.baseline;
-  if (seen.pairs < least_start_pairs) return verdict();
+  const DriftVerdict before = is_of_start(verdict()) ? verdict() : DriftVerdict::learning;
+  if (seen.pairs < least_start_pairs) return before;
   double sigmas = 0;
   for (int axis = 0; axis < 6; ++axis)
     sigmas = std::max(
@@ -214,7 +226,7 @@ DriftVerdict DriftMonitor::decide_from_start() const {
                            : sigmas >= start_sigmas / 2 ? DriftVerdict::suspect
                                                         : DriftVerdict::learning;
   // It takes as many pairs as a baseline to withdraw a verdict, not the first few.
-  return learned() ? now : std::max(now, verdict());
+  return learned() ? now : std::max(now, before);
 }
 
 bool DriftMonitor::wants_sensitivity() const {
@@ -231,16 +243,17 @@ void DriftMonitor::retire_oldest() {
   DriftBaseline& baseline = state_.baseline;
   if (!learning() || evidence() >= evidence_share || !is_outlier_free(oldest)) return;
   state_.gathered.add(oldest);
-  const double enough = batch_share * std::min<double>(baseline.pairs, settings_.pairs_to_detect);
-  if (state_.gathered.pairs < std::max<double>(smallest_batch, enough)) return;
+  if (state_.gathered.pairs < std::min(own_share * baseline.pairs, batch_share * settings_.pairs_to_detect)) return;
   const DriftBaseline batch = std::exchange(state_.waiting, std::exchange(state_.gathered, {}));
-  if (baseline.distances(batch).cwiseAbs().maxCoeff() > doubtful_sigmas) {
-    state_.doubtful.merge(batch);
-    return;
-  }
-  // What was doubtful has ended: such is this vehicle's road.
+  if (batch.pairs == 0 || state_.doubtful.pairs >= settings_.max_baseline_pairs) return;
+  // Roads may let it deviate, too: that is known from each batch.
+  ++baseline.batches;
+  baseline.batch_squares += baseline.distances(batch).cwiseAbs2();
+  state_.doubtful.merge(batch);
+  const Vector6 distances = baseline.distances(state_.doubtful);
+  for (int axis = 0; axis < 6; ++axis)
+    if (std::abs(distances[axis]) > doubtful_sigmas * baseline.wander(axis)) return;
   baseline.merge(std::exchange(state_.doubtful, {}));
-  baseline.merge(batch);
 }
 
 Result<DriftVerdict> DriftMonitor::observe(const AxisEvidence& evidence) {
@@ -250,12 +263,14 @@ Result<DriftVerdict> DriftMonitor::observe(const AxisEvidence& evidence) {
   if (!learned() && !evidence.sensitivity)
     return fail(ErrorCode::sensitivity_missing, "a pair of the baseline needs the response of its slopes to shifts");
   state_.repeats = 0;
-  if (state_.recent.size() == recent_pairs) retire_oldest();
+  while (state_.recent.size() >= recent_pairs) retire_oldest();
   state_.recent.push_back(evidence);
   if (learned()) {
     ++state_.unlearned;
     accumulate();
     state_.verdict = decide();
+    // What was on its way into the baseline may be of after the onset.
+    if (verdict() == DriftVerdict::drifted) state_.gathered = state_.waiting = state_.doubtful = {};
     return verdict();
   }
   state_.baseline.add(evidence);
@@ -313,9 +328,11 @@ std::string DriftMonitor::moved_axes() const {
 double DriftMonitor::detection_limit(int axis) const {
   const DriftBaseline& baseline = state_.baseline;
   if (!learned() || !baseline.observable(axis)) return std::numeric_limits<double>::infinity();
+  // The charts allow for a mean that errs to the side of the shift; it may err to the other side as well.
+  const double mean_error = mean_sigmas / std::sqrt(baseline.pairs);
   double least = std::numeric_limits<double>::infinity();
   for (std::size_t chart = 0; chart < limits_.size(); ++chart)
-    least = std::min(least, negligible(axis) +
+    least = std::min(least, negligible(axis) + mean_error +
                                 wander(axis, chart) * (reference(chart) + limits_[chart] / settings_.pairs_to_detect));
   return least * baseline.spread(axis) / baseline.sensitivity(axis, axis);
 }

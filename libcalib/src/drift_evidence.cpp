@@ -129,8 +129,8 @@ void DriftBaseline::merge(const DriftBaseline& batch) {
   const auto share = [](int mine, int others) { return static_cast<double>(others) / (mine + others); };
   const double of_batch = share(pairs, batch.pairs), products = pairs * of_batch;
   const Vector6 slope_away = batch.slope - slope;
-  batch_squares += distances(batch).cwiseAbs2();
-  ++batches;
+  batches += batch.batches;
+  batch_squares += batch.batch_squares;
   slope += of_batch * slope_away;
   slope_products += batch.slope_products + products * slope_away * slope_away.transpose();
   lag1_products += batch.lag1_products + products * slope_away.cwiseAbs2();

@@ -69,6 +69,7 @@ class BearingIndex {
       const int spread = static_cast<int>(sector_slope * static_cast<float>(k + 1)) + 1;
       for (int row = std::max(0, v - spread); row <= std::min(rows_ - 1, v + spread); ++row) {
         const std::size_t at = static_cast<std::size_t>(row) * columns_ + u + side * k;
+        if (begin_[at + 1] - begin_[at] > most_in_cell) continue;
         for (std::uint32_t i = begin_[at]; i < begin_[at + 1]; ++i) {
           const Bearing& other = bearings_[order_[i]];
           const float aside = static_cast<float>(side) * (other.azimuth_rad - of.azimuth_rad) * shrink;
@@ -85,6 +86,11 @@ class BearingIndex {
     return nearest;
   }
 
+  /// Whether more points share the bearing's cell than any LiDAR measures there.
+  [[nodiscard]] bool is_crowded(const Bearing& of) const {
+    return begin_[cell(of) + 1] - begin_[cell(of)] > most_in_cell;
+  }
+
   /// Whether something is measured further to the left (-1) or right (1) than `reach_rad`: else it is where the LiDAR's
   /// view ends.
   [[nodiscard]] bool goes_on(const Bearing& from, int side, float reach_rad) const {
@@ -98,6 +104,9 @@ class BearingIndex {
   struct Extent {
     int first = std::numeric_limits<int>::max(), last = -1;
   };
+  /// Points of one cell are compared with each other. With more of them, which only a faulty or hostile cloud has, that
+  /// would take hours.
+  static constexpr std::uint32_t most_in_cell = 64;
   static constexpr float cell_rad = 0.2F * static_cast<float>(radians_per_degree);
   [[nodiscard]] int column(const Bearing& b) const { return static_cast<int>((b.azimuth_rad - left_) / cell_rad); }
   [[nodiscard]] int row(const Bearing& b) const { return static_cast<int>((b.elevation_rad - bottom_) / cell_rad); }
@@ -203,14 +212,20 @@ std::vector<std::size_t> range_edges(std::span<const Eigen::Vector3f> points, co
   std::vector<float> distances;
   neighbours.reserve(points.size());
   for (const Bearing& bearing : bearings) {
+    if (index.is_crowded(bearing)) {
+      neighbours.emplace_back();
+      continue;
+    }
     neighbours.push_back({index.neighbour(bearing, -1), index.neighbour(bearing, 1)});
     for (const auto& neighbour : neighbours.back())
       if (std::isfinite(neighbour.distance_rad)) distances.push_back(neighbour.distance_rad);
   }
+  if (distances.empty()) return {};
   const float reach = farthest_neighbour * median(std::move(distances));
   std::vector<std::size_t> edges;
   for (std::size_t i = 0; i < points.size(); ++i) {
     const Bearing& bearing = bearings[i];
+    if (index.is_crowded(bearing)) continue;
     const float jump_m = std::max(least_jump_m, least_jump_share * bearing.range_m);
     const auto ends = [&](int side) {
       const BearingIndex::Neighbour& neighbour = neighbours[i][side < 0 ? 0 : 1];

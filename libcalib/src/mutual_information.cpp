@@ -133,8 +133,11 @@ Score score_edges(const FeatureSet& frame, const Projection& projection) {
     sum += rank;
     ++score.points;
   }
-  if (score.points >= min_scored_edges)
-    score.value = 0.5 + static_cast<double>(sum) / static_cast<double>(score.points * (FeatureSet::ranks - 1));
+  if (score.points == 0) return score;
+  const double mean = static_cast<double>(sum) / static_cast<double>(score.points * (FeatureSet::ranks - 1));
+  // In a scene with few edges a point more or less must not change the score at a blow.
+  const double carries = std::clamp(static_cast<double>(score.points) / min_scored_edges - 1, 0.0, 1.0);
+  score.value = 1 + carries * (mean - 0.5);
   return score;
 }
 

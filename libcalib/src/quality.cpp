@@ -54,7 +54,7 @@ double scene_change(const SceneThumbnail& a, const SceneThumbnail& b) {
   }
   const double spread = std::sqrt((n * aa - sum_a * sum_a) * (n * bb - sum_b * sum_b));
   // An image without contrast shows no scene that another could be compared with.
-  return spread > 0 ? 1 - (n * ab - sum_a * sum_b) / spread : 0;
+  return spread > 0 ? std::max(0.0, 1 - (n * ab - sum_a * sum_b) / spread) : 0;
 }
 
 Result<void> check_pair(const FramePair& pair, const Camera& camera, const SceneThumbnail* last,

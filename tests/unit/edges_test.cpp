@@ -162,3 +162,11 @@ TEST_CASE("the score of edges is highest at the extrinsic, and 1 without edges")
         score(frames[0], drive.T_camera_lidar(), edges_alone()).value);
   CHECK(frames[0].memory_bytes() - without.memory_bytes() < 150'000);
 }
+
+TEST_CASE("a cloud of which all points lie in one direction takes no longer than any other") {
+  vehicle::Random random(21);
+  std::vector<Eigen::Vector3f> points;
+  for (int i = 0; i < 200'000; ++i)
+    points.emplace_back(10 + random.uniform(0, 30), 1e-3F * random.uniform(-1, 1), 1e-3F * random.uniform(-1, 1));
+  CHECK(range_edges(points, looking_forward()).empty());  // would take minutes if each were compared with each
+}

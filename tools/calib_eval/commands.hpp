@@ -57,7 +57,7 @@ inline constexpr int soonest_drifted_pairs = 4;
 struct DriftOptions {
   std::vector<KnockSize> knocks;
   double rate_deg_per_hour = 0;  // instead of knocks; 0: knocks
-  int pairs = 0;                 // from the knock on; 0: `usual_pairs`
+  int pairs = 0;                 // from the knock on; 0: those of two hours
   int sequences = 200;           // of each knock
   double weeks = 10000;          // of vehicles whose LiDAR stays
   double driving_hours_per_week = 56;

@@ -76,8 +76,8 @@ struct DriftBaseline {
   double prominence = 0, prominence_squares = 0;       // mean, sum of squared deviations
   double latest_prominence = 0, lag1_prominences = 0;  // as of slopes
   double score = 0, score_squares = 0;                 // mean, sum of squared deviations
-  /// How the mean slopes of batches that were merged wander about the mean before: sum of squared deviations, each 1
-  /// for independent pairs.
+  /// How the mean slopes of batches wandered about the mean before them: sum of squared deviations, each 1 for
+  /// independent pairs.
   int batches = 0;
   Vector6 batch_squares = Vector6::Zero();
 
@@ -156,7 +156,7 @@ struct DriftState {
   /// Batches on their way into the baseline: the one that is being gathered, and the one that waits so long. By then a
   /// shift has shown itself, so that it does not become part of what it is compared with.
   DriftBaseline gathered, waiting;
-  /// Batches that deviate from the baseline, for as long as it is open whether that is drift.
+  /// Batches that together deviate from the baseline, for as long as it is open whether that is drift.
   DriftBaseline doubtful;
   std::array<AxisCharts, 6> charts{};
   /// Those of the loss of the maximum.

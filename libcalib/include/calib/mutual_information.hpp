@@ -61,7 +61,7 @@ struct Score {
 [[nodiscard]] Score score(const FeatureSet& features, const RigidTransform& T_camera_lidar,
                           const Objective& objective = depth_objective);
 inline constexpr std::size_t min_scored_points = 200;
-/// Likewise of `edges`, of which a scan has a twentieth as many.
+/// Likewise of `edges`, of which a scan has a twentieth as many; from twice as many on they count in full.
 inline constexpr std::size_t min_scored_edges = 100;
 
 /// Frames that are stored elsewhere; none is null.
