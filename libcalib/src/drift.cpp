@@ -257,9 +257,8 @@ void DriftMonitor::retire_oldest() {
 }
 
 Result<DriftVerdict> DriftMonitor::observe(const AxisEvidence& evidence) {
-  if (evidence.same_scene && !state_.recent.empty()) {
-    if (++state_.repeats < longest_repeats || !learned()) return verdict();
-  }
+  if (evidence.same_scene && !state_.recent.empty() && (!learned() || ++state_.repeats < longest_repeats))
+    return verdict();
   if (!learned() && !evidence.sensitivity)
     return fail(ErrorCode::sensitivity_missing, "a pair of the baseline needs the response of its slopes to shifts");
   state_.repeats = 0;

@@ -103,6 +103,7 @@ TEST_CASE(
     REQUIRE(*in_jam.observe(evidence) == DriftVerdict::learning);
   }
   CHECK(in_jam.reason() == "learning the baseline: 1 of 20 scenes");
+  CHECK(in_jam.state().repeats == 0);  // a count without an end could not be restored
   vehicle.offset.setZero();
   vehicle.drive(monitor, 100);
   vehicle.offset[1] = 1;
