@@ -68,8 +68,8 @@ def reliability_of_readers(writer, seconds):
     """Of the readers that match, in the order of their appearance: whether each is reliable."""
     readers, end = {}, time.monotonic() + seconds
     while time.monotonic() < end:
-        for handle in writer.get_matched_subscriptions():
-            with contextlib.suppress(Exception):  # it has gone since
+        with contextlib.suppress(Exception):  # one has come or gone meanwhile
+            for handle in writer.get_matched_subscriptions():
                 found = writer.get_matched_subscription_data(handle)
                 readers.setdefault(str(found.key), isinstance(found.qos[Policy.Reliability], Policy.Reliability.Reliable))
         time.sleep(0.005)
