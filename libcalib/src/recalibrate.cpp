@@ -68,18 +68,22 @@ void add_scores(Recalibration& result, Frames fit, Frames held_back, const Rigid
   result.held_back_after = mean_score(held_back, result.T_camera_lidar, objective).value;
 }
 
-/// The first gate's objection.
+/// The first gate's objection, and what the others say, but for the expensive last one: it is asked only when all
+/// agree.
 Result<Objection> judge(const Candidate& candidate, const Gain& held_back, const RecalibrationSettings& settings,
                         int& evaluations) {
-  if (auto no = insufficient_observability(candidate)) return no;
-  if (auto no = outside_bounds(candidate)) return no;
-  if (auto no = no_more_than_bias(candidate, settings)) return no;
-  if (auto no = not_better(held_back, settings)) return no;
-  if (settings.expected)
-    if (auto no = contradicts_expectation(candidate, *settings.expected)) return no;
-  if (auto no = contradicts_intensity(candidate)) return no;
-  if (settings.baseline_score)
-    if (auto no = score_not_restored(candidate, *settings.baseline_score)) return no;
+  const Objection objections[] = {
+      insufficient_observability(candidate),
+      outside_bounds(candidate),
+      no_more_than_bias(candidate, settings),
+      not_better(held_back, settings),
+      settings.expected ? contradicts_expectation(candidate, *settings.expected) : Objection(),
+      contradicts_intensity(candidate),
+      settings.baseline_score ? score_not_restored(candidate, *settings.baseline_score) : Objection()};
+  Objection all;
+  for (const Objection& objection : objections)
+    if (objection) all = all ? *all + "; also " + *objection : *objection;
+  if (all) return all;
   return not_repeatable(candidate, settings.keep_going, evaluations);
 }
 

@@ -37,7 +37,7 @@ struct Gain {
 /// Why a candidate must not be used, in words; nothing when the gate lets it pass.
 using Objection = std::optional<std::string>;
 
-/// In the order of recalibrate.hpp; of two that would both object, the first is named.
+/// In the order of recalibrate.hpp, in which objections are named.
 [[nodiscard]] Objection insufficient_observability(const Candidate& candidate);
 [[nodiscard]] Objection outside_bounds(const Candidate& candidate);
 [[nodiscard]] Objection no_more_than_bias(const Candidate& candidate, const RecalibrationSettings& settings);

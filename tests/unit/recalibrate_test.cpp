@@ -77,6 +77,7 @@ TEST_CASE("from its own result there is nowhere to go, and without a sign of dri
   CHECK(second.delta.tail<3>().norm() < 0.1);
   CHECK(second.score_after >= second.score_before - 1e-4);
   CHECK_THAT(second.reason, Catch::Matchers::ContainsSubstring("bias"));
+  CHECK_THAT(second.reason, Catch::Matchers::ContainsSubstring("; also not better on pairs held back"));
 }
 
 TEST_CASE("nothing leaves the bounds, and what ends at one is refused") {

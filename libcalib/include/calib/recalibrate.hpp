@@ -46,7 +46,8 @@ struct RecalibrationSettings {
 /// What a search for the extrinsic found. It is a value like any other: `accepted` says whether it may be used.
 struct Recalibration {
   bool accepted = false;
-  /// The gate that refused it, or why it was accepted, in words; and the axes that were not moved.
+  /// The gate that refused it, with what other gates object, or why it was accepted, in words; and the axes that were
+  /// not moved.
   std::string reason;
   RigidTransform T_camera_lidar = RigidTransform::Identity();
   /// From the starting extrinsic: how far the LiDAR has moved in its own frame.
