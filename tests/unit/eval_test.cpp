@@ -152,28 +152,6 @@ TEST_CASE("what is over too few runs is null in the result") {
   CHECK(json["hit_rate"] == 0);
 }
 
-TEST_CASE("a remark names each axis that is not observable, and says that searches failed") {
-  Experiment experiment{{}, {ended_at(0, 0), ended_at(0, 0)}, Best{}};
-  experiment.best->uncertainty.observable = {true, false, true, false, false, false};
-  CHECK(remarks(experiment) == std::vector<std::string>{"pitch is not observable from these frames"});
-  experiment.best->uncertainty.observable.fill(true);
-  CHECK(remarks(experiment).empty());
-  experiment.runs[1].result = fail(ErrorCode::search_failed, "nothing is in view");
-  CHECK(remarks(experiment) == std::vector<std::string>{"1 of 2 searches failed, the first with: nothing is in view"});
-}
-
-TEST_CASE("a remark says that a search is not to be believed of which most end elsewhere") {
-  Experiment experiment{{}, {ended_at(0, 0), ended_at(0, 0)}, {}};
-  CHECK(remarks(experiment).empty());
-  experiment.runs[0] = ended_at(3, 0);
-  CHECK(remarks(experiment).empty());
-  experiment.runs[1] = ended_at(3, 0);
-  CHECK(remarks(experiment) ==
-        std::vector<std::string>{
-            "only 0 of 2 searches end at the recording's extrinsic: a search over these frames is not "
-            "to be believed, or that extrinsic is wrong"});
-}
-
 TEST_CASE("a joint histogram counts points where they land, and none that are out of view") {
   auto planes = std::make_shared<FeaturePlanes>();
   planes->grid = {.width = 2, .height = 1, .fx = 1, .fy = 1, .cx = 0, .cy = 0, .xi = 0};

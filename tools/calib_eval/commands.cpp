@@ -57,6 +57,13 @@ Result<void> make_folder(const std::filesystem::path& folder) {
   return fail(ErrorCode::write_failed, "figures cannot be written into " + folder.string() + ": " + error.message());
 }
 
+/// What is doubtful about the frames, as it stands in every result.
+Doubts begin_doubts(Json& result, const RecordingFrames& recording_frames) {
+  Doubts doubts = doubts_of(recording_frames);
+  result["doubts"] = to_json(doubts);
+  return doubts;
+}
+
 std::string frames_line(const RecordingFrames& recording_frames) {
   return std::to_string(recording_frames.frames.size()) + " frames, vector instructions " +
          std::string(vector_instructions());
@@ -72,19 +79,27 @@ Result<RecordingFrames> read_recording_frames(const RecordingOptions& options) {
   return recording_frames;
 }
 
-Result<void> calibrate(const RecordingOptions& recording_options, const CalibrateOptions& options,
-                       const CommandWords& words) {
+void print_doubts(const Doubts& doubts) {
+  for (const Doubt& one : doubts)
+    std::cout << "  " << escape_control(one.words) << " [" << one.code << "]" << std::endl;
+}
+
+Result<Doubts> calibrate(const RecordingOptions& recording_options, const CalibrateOptions& options,
+                         const CommandWords& words) {
   const auto file = ResultFile::at(options.json);
   if (!file) return propagate(file);
   if (!options.figures.empty())
-    if (auto made = make_folder(options.figures); !made) return made;
+    if (auto made = make_folder(options.figures); !made) return propagate(made);
   const auto recording_frames = read_recording_frames(recording_options);
   if (!recording_frames) return propagate(recording_frames);
   Json result = describe("calibrate", words, recording_options, *recording_frames);
+  Doubts doubts = begin_doubts(result, *recording_frames);
   result["cells"] = Json::array();
   result["runs"] = Json::array();
   if (!options.figures.empty()) result["figures"] = Json::array();
-  std::cout << frames_line(*recording_frames) << ", " << options.starts << " starts\n" << table_heading() << std::endl;
+  std::cout << frames_line(*recording_frames) << ", " << options.starts << " starts\n";
+  print_doubts(doubts);
+  std::cout << table_heading() << std::endl;
   const std::vector<Cell> cells = cells_of(options);
   for (std::size_t i = 0; i < cells.size(); ++i) {
     const auto experiment = [&] {
@@ -94,8 +109,11 @@ Result<void> calibrate(const RecordingOptions& recording_options, const Calibrat
     }();
     if (!experiment) return propagate(experiment);
     std::cout << table_line(*experiment) << std::endl;
-    for (const std::string& remark : remarks(*experiment)) std::cout << "  " << escape_control(remark) << std::endl;
+    const Doubts of_cell = doubts_of(*experiment, *recording_frames);
+    print_doubts(of_cell);
+    doubts.insert(doubts.end(), of_cell.begin(), of_cell.end());
     result["cells"].push_back(to_json(*experiment));
+    result["cells"].back()["doubts"] = to_json(of_cell);
     for (Json& run : runs_to_json(*experiment, i)) result["runs"].push_back(std::move(run));
     if (!options.figures.empty()) {
       const auto figure = draw(*recording_frames, *experiment, options.figures);
@@ -103,13 +121,13 @@ Result<void> calibrate(const RecordingOptions& recording_options, const Calibrat
       if (*figure) result["figures"].push_back(to_json(**figure, i, absolute(options.json).parent_path()));
     }
     // After each cell: what is done is kept.
-    if (auto written = file->write(result, i + 1 == cells.size()); !written) return written;
+    if (auto written = file->write(result, i + 1 == cells.size()); !written) return propagate(written);
   }
-  return {};
+  return doubts;
 }
 
-Result<void> curves(const RecordingOptions& recording_options, const LandscapeOptions& options,
-                    const CommandWords& words) {
+Result<Doubts> curves(const RecordingOptions& recording_options, const LandscapeOptions& options,
+                      const CommandWords& words) {
   const auto file = ResultFile::at(options.json);
   if (!file) return propagate(file);
   const auto seen = look(recording_options, options);
@@ -117,8 +135,10 @@ Result<void> curves(const RecordingOptions& recording_options, const LandscapeOp
   const auto& [recording_frames, features] = *seen;
   const auto frames = pointers(features);
   Json result = describe("curve", words, recording_options, recording_frames);
+  const Doubts doubts = begin_doubts(result, recording_frames);
   result["curves"] = Json::array();
   std::cout << frames_line(recording_frames) << '\n';
+  print_doubts(doubts);
   for (const Method method : options.methods) {
     const Objective objective = final_objective(method, free_axes(options.degrees_of_freedom));
     std::cout << to_string(method) << " scores best at";
@@ -130,11 +150,12 @@ Result<void> curves(const RecordingOptions& recording_options, const LandscapeOp
     }
     std::cout << " (steps of " << options.around.step(0) << " deg, " << options.around.step(3) << " cm)" << std::endl;
   }
-  return file->write(result, true);
+  if (auto written = file->write(result, true); !written) return propagate(written);
+  return doubts;
 }
 
-Result<void> surfaces(const RecordingOptions& recording_options, const LandscapeOptions& options,
-                      const CommandWords& words) {
+Result<Doubts> surfaces(const RecordingOptions& recording_options, const LandscapeOptions& options,
+                        const CommandWords& words) {
   const auto file = ResultFile::at(options.json);
   if (!file) return propagate(file);
   const auto seen = look(recording_options, options);
@@ -142,7 +163,9 @@ Result<void> surfaces(const RecordingOptions& recording_options, const Landscape
   const auto& [recording_frames, features] = *seen;
   const auto frames = pointers(features);
   Json result = describe("surface", words, recording_options, recording_frames);
+  const Doubts doubts = begin_doubts(result, recording_frames);
   result["surfaces"] = Json::array();
+  print_doubts(doubts);
   Progress progress("surfaces", options.methods.size() * options.axis_pairs.size());
   for (const Method method : options.methods) {
     const Objective objective = final_objective(method, free_axes(options.degrees_of_freedom));
@@ -153,7 +176,8 @@ Result<void> surfaces(const RecordingOptions& recording_options, const Landscape
       progress.step();
     }
   }
-  return file->write(result, true);
+  if (auto written = file->write(result, true); !written) return propagate(written);
+  return doubts;
 }
 
 Result<void> plot(const std::filesystem::path& result, const std::filesystem::path& folder) {

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "calib_eval/doubts.hpp"
 #include "calib_eval/landscape.hpp"
 #include "calib_eval/recording_frames.hpp"
 
@@ -23,9 +24,12 @@ struct CalibrateOptions {
   int starts = 200;
   std::filesystem::path json, figures;  // empty: not wanted
 };
-/// Runs every cell, with a line of the table for each.
-[[nodiscard]] Result<void> calibrate(const RecordingOptions& recording_frames, const CalibrateOptions& options,
-                                     const CommandWords& words);
+/// Runs every cell, with a line of the table for each. As the other commands that compute, it returns what is doubtful
+/// about the result, which is also among its text and in its JSON.
+[[nodiscard]] Result<Doubts> calibrate(const RecordingOptions& recording_frames, const CalibrateOptions& options,
+                                       const CommandWords& words);
+/// Lines of standard output.
+void print_doubts(const Doubts& doubts);
 
 struct LandscapeOptions {
   std::vector<Method> methods{Method::standard};
@@ -35,11 +39,11 @@ struct LandscapeOptions {
   std::filesystem::path json;
 };
 /// Scores along each axis, with where they are best.
-[[nodiscard]] Result<void> curves(const RecordingOptions& recording_frames, const LandscapeOptions& options,
-                                  const CommandWords& words);
-/// Scores over pairs of axes.
-[[nodiscard]] Result<void> surfaces(const RecordingOptions& recording_frames, const LandscapeOptions& options,
+[[nodiscard]] Result<Doubts> curves(const RecordingOptions& recording_frames, const LandscapeOptions& options,
                                     const CommandWords& words);
+/// Scores over pairs of axes.
+[[nodiscard]] Result<Doubts> surfaces(const RecordingOptions& recording_frames, const LandscapeOptions& options,
+                                      const CommandWords& words);
 
 /// How far a LiDAR is knocked: rad about an axis, or m along it. To either side.
 struct KnockSize {
@@ -69,8 +73,8 @@ struct DriftOptions {
 inline constexpr int usual_drift_frames = 96;
 /// What a monitor says of LiDARs that stay in their place and of LiDARs that move: sequences of pairs, drawn from what
 /// the frames were measured to say.
-[[nodiscard]] Result<void> drift(const RecordingOptions& recording_frames, const DriftOptions& options,
-                                 const CommandWords& words);
+[[nodiscard]] Result<Doubts> drift(const RecordingOptions& recording_frames, const DriftOptions& options,
+                                   const CommandWords& words);
 
 /// Becomes the program that draws `result` into `folder`; returns only when that cannot be run. Fails with
 /// `plot_missing`.

@@ -202,7 +202,8 @@ Result<KnockSize> parse_knock(const std::string& text) {
   return KnockSize{rotation, rotation ? number * radians_per_degree : number / 100};
 }
 
-Result<void> drift(const RecordingOptions& recording_options, const DriftOptions& options, const CommandWords& words) {
+Result<Doubts> drift(const RecordingOptions& recording_options, const DriftOptions& options,
+                     const CommandWords& words) {
   const auto file = ResultFile::at(options.json);  // before minutes of work
   if (!file) return propagate(file);
   auto recording_frames = read_recording_frames(recording_options);
@@ -211,16 +212,20 @@ Result<void> drift(const RecordingOptions& recording_options, const DriftOptions
   const auto enough = admit(*recording_frames);
   for (std::size_t i = told; i < recording_frames->left_out.size(); ++i)
     std::cerr << "calib-eval: " << escape_control(recording_frames->left_out[i]) << '\n';
-  if (!enough) return enough;
-  if (auto possible = check_block(options, recording_frames->frames.size()); !possible) return possible;
+  if (!enough) return propagate(enough);
+  if (auto possible = check_block(options, recording_frames->frames.size()); !possible) return propagate(possible);
   Json result = describe("drift", words, recording_options, *recording_frames);
+  const Doubts doubts = doubts_of(*recording_frames);
+  result["doubts"] = to_json(doubts);
   const auto study = study_of(recording_options, options, *recording_frames);
   if (!study) return propagate(study);
   result["settings"] = describe_settings(*study);
 
   std::cout << recording_frames->frames.size() << " frames, vector instructions " << vector_instructions() << ".\n"
             << "Sequences are drawn from these frames, " << study->settings.block
-            << " neighbours at a time: what none of them shows happens in no sequence.\n\n";
+            << " neighbours at a time: what none of them shows happens in no sequence.\n";
+  print_doubts(doubts);
+  std::cout << '\n';
   const auto axes = detection_power(study->evidence.still, study->settings);
   result["axes"] = to_json(axes);
   std::cout << to_text(axes) << std::endl;
@@ -234,11 +239,12 @@ Result<void> drift(const RecordingOptions& recording_options, const DriftOptions
     result["knocks"].push_back(to_json(moved.back(), true));
     std::cout << drift_line(moved.back()) << std::endl;
   }
-  if (options.json.empty()) return {};
+  if (options.json.empty()) return doubts;
   result["timelines"] = study->timelines(moved);
   result["operating"] = {to_json(OperatingPoint{options.false_alerts_per_1000_vehicle_weeks, null, moved})};
   for (const double allowance : allowances) result["operating"].push_back(to_json(study->operating_point(allowance)));
-  return file->write(result, true);
+  if (auto written = file->write(result, true); !written) return propagate(written);
+  return doubts;
 }
 
 }  // namespace calib::eval

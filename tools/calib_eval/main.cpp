@@ -100,13 +100,15 @@ auto values_of(const std::vector<std::string>& lists, const Parse& parse) {
 class CommandLine {
  public:
   CommandLine(int argc, char** argv);
-  Result<void> run() const { return command_(); }
+  /// What is doubtful about the result.
+  Result<Doubts> run() const { return command_(); }
+  bool strict = false;
   CLI::App app{
       "How well an extrinsic is found on recorded frames, what its score looks like, and how soon drift is noticed",
       "calib-eval"};
 
  private:
-  CLI::App* subcommand(const std::string& name, const std::string& what, std::function<Result<void>()> run);
+  CLI::App* subcommand(const std::string& name, const std::string& what, std::function<Result<Doubts>()> run);
   void add_recording(CLI::App& to, bool or_simulation = false);
   void add_objectives(CLI::App& to);
   void add_calibrate();
@@ -126,14 +128,15 @@ class CommandLine {
   bool simulated_ = false;
   std::filesystem::path plotted_, plots_;
   int degrees_of_freedom_ = 0;
-  std::function<Result<void>()> command_;
+  std::function<Result<Doubts>()> command_;
 };
 
-/// The words of the command without --threads and --json, which change nothing in the result.
+/// The words of the command without --threads, --strict and --json, which change nothing in the result.
 CommandWords telling_words(int argc, char** argv) {
   CommandWords words{"calib-eval"};
   for (int i = 1; i < argc; ++i) {
     const std::string word = argv[i], name = word.substr(0, word.find('='));
+    if (name == "--strict") continue;
     if (name != "--threads" && name != "--json")
       words.push_back(word);
     else if (name == word)
@@ -153,7 +156,8 @@ CommandLine::CommandLine(int argc, char** argv) : words_(telling_words(argc, arg
   add_plot();
 }
 
-CLI::App* CommandLine::subcommand(const std::string& name, const std::string& what, std::function<Result<void>()> run) {
+CLI::App* CommandLine::subcommand(const std::string& name, const std::string& what,
+                                  std::function<Result<Doubts>()> run) {
   CLI::App* const added = app.add_subcommand(name, what);
   added->callback([this, run = std::move(run)] { command_ = run; });
   return added;
@@ -212,6 +216,7 @@ void CommandLine::add_recording(CLI::App& to, bool or_simulation) {
   to.add_option("--threads", recording_frames_.threads, "The result does not depend on it")
       ->check(whole_number(1, 1024))
       ->capture_default_str();
+  to.add_flag("--strict", strict, "End with 4 when there is a reason for not believing the result");
 }
 
 void CommandLine::add_objectives(CLI::App& to) {
@@ -359,8 +364,9 @@ void CommandLine::finish_drift(const CLI::App& drift) {
 }
 
 void CommandLine::add_plot() {
-  CLI::App* const added = subcommand("plot", "Draws a result, as PNG", [this] {
-    return plot(plotted_, plots_.empty() ? std::filesystem::path(plotted_).replace_extension() : plots_);
+  CLI::App* const added = subcommand("plot", "Draws a result, as PNG", [this]() -> Result<Doubts> {
+    const auto drawn = plot(plotted_, plots_.empty() ? std::filesystem::path(plotted_).replace_extension() : plots_);
+    return drawn ? Result<Doubts>() : propagate(drawn);
   });
   added->add_option("RESULT", plotted_, "What --json wrote")->required()->check(CLI::ExistingFile);
   added->add_option("--out", plots_, "Folder; default: RESULT without its extension");
@@ -376,15 +382,18 @@ int main(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return line.app.exit(error) == 0 ? 0 : 2;
   }
-  calib::Result<void> done;
+  calib::Result<calib::eval::Doubts> done;
   try {
     done = line.run();
   } catch (const std::bad_alloc&) {
     done = calib::fail(calib::ErrorCode::out_of_memory,
                        "there is not enough memory; use fewer --frames, or fewer --threads");
   }
+  if (done && !done->empty()) std::cout << "The result is not to be believed: " << calib::eval::codes_of(*done) << '\n';
   std::cout << std::flush;
   if (!done) std::cerr << "calib-eval: " << calib::escape_control(done.error().context) << '\n';
   // A full disk or a closed pipe must not look like success.
-  return done && std::cout ? 0 : 1;
+  if (!done || !std::cout) return 1;
+  constexpr int doubtful = 4;  // as calibctl, which answers with it that the answer is no
+  return line.strict && !done->empty() ? doubtful : 0;
 }

@@ -145,6 +145,12 @@ Json to_json(const Experiment& experiment) {
   return json;
 }
 
+Json to_json(const Doubts& doubts) {
+  Json json = Json::array();
+  for (const Doubt& one : doubts) json.push_back({{"code", one.code}, {"words", one.words}});
+  return json;
+}
+
 Json runs_to_json(const Experiment& experiment, std::size_t cell) {
   Json runs = Json::array();
   for (std::size_t i = 0; i < experiment.runs.size(); ++i) {
@@ -224,26 +230,6 @@ std::string table_line(const Experiment& experiment) {
                   text("{:.3f} deg", summary.hit_rotation_error_deg),
                   six ? text("{:.2f} cm", summary.hit_translation_error_cm) : "-", text("{:.0f}", summary.evaluations),
                   text("{:.3f}", summary.seconds_per_run)});
-}
-
-std::vector<std::string> remarks(const Experiment& experiment) {
-  std::vector<std::string> remarks;
-  const auto free_axes = experiment.cell.free_axes();
-  for (std::size_t i = 0; i < axis_names.size() && experiment.best; ++i)
-    if (free_axes[i] && !experiment.best->uncertainty.observable[i])
-      remarks.push_back(std::string(axis_names[i]) + " is not observable from these frames");
-  const auto failed = std::ranges::find_if(experiment.runs, [](const Run& run) { return !run.result; });
-  if (failed != experiment.runs.end())
-    remarks.push_back(std::to_string(summarise(experiment.runs).failures) + " of " +
-                      std::to_string(experiment.runs.size()) +
-                      " searches failed, the first with: " + failed->result.error().context);
-  const Summary summary = summarise(experiment.runs);
-  if (summary.starts > 0 && 2 * summary.hits < summary.starts)
-    remarks.push_back(
-        "only " + std::to_string(summary.hits) + " of " + std::to_string(summary.starts) +
-        " searches end at the recording's extrinsic: a search over these frames is not to be believed, or "
-        "that extrinsic is wrong");
-  return remarks;
 }
 
 Result<ResultFile> ResultFile::at(const fs::path& file) {

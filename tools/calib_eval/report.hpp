@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "calib_eval/doubts.hpp"
 #include "calib_eval/experiment.hpp"
 #include "calib_eval/figures.hpp"
 #include "calib_eval/landscape.hpp"
@@ -18,6 +19,7 @@ using Json = nlohmann::ordered_json;
                             const RecordingFrames& recording_frames);
 
 [[nodiscard]] Json to_json(const Experiment& experiment);
+[[nodiscard]] Json to_json(const Doubts& doubts);
 /// Of cell number `cell`, each.
 [[nodiscard]] Json runs_to_json(const Experiment& experiment, std::size_t cell);
 /// Overlays are named relative to `base`, the folder of the result.
@@ -28,8 +30,6 @@ using Json = nlohmann::ordered_json;
 /// A line of the table on standard output, and the line above them all.
 [[nodiscard]] std::string table_heading();
 [[nodiscard]] std::string table_line(const Experiment& experiment);
-/// What a line of the table does not say: axes that are not observable from these frames, and searches without an end.
-[[nodiscard]] std::vector<std::string> remarks(const Experiment& experiment);
 
 /// Where a result goes. A file is replaced as a whole, so that it can be read at any time and an older result stays
 /// until there is a newer one; symbolic links are followed, unless somebody else has made them. A pipe or a device is
