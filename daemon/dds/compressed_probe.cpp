@@ -65,13 +65,15 @@ std::size_t end_of_scan(Bytes bytes, std::size_t at) {
 }
 
 /// From the first start-of-frame segment. That of a thumbnail lies within another segment and is not found.
-std::optional<ImageSize> jpeg_size(Bytes bytes) {
+std::optional<CompressedHeader> jpeg_header(Bytes bytes) {
   for (auto segment = jpeg_segment(bytes, 2); segment; segment = jpeg_segment(bytes, segment->end)) {
     if (segment->marker == start_of_scan || segment->marker == end_of_image) return std::nullopt;
-    if (is_frame(segment->marker))
-      return segment->body.size() < 6
-                 ? std::nullopt
-                 : in_bounds(big_endian(segment->body.subspan(3, 2)), big_endian(segment->body.subspan(1, 2)));
+    if (!is_frame(segment->marker)) continue;
+    const Bytes frame = segment->body;
+    if (frame.size() < 6) return std::nullopt;
+    const auto size = in_bounds(big_endian(frame.subspan(3, 2)), big_endian(frame.subspan(1, 2)));
+    if (!size) return std::nullopt;
+    return CompressedHeader{Compression::jpeg, *size, frame[5] == 1 ? 1 : 3, 8};
   }
   return std::nullopt;
 }
@@ -125,10 +127,14 @@ std::optional<Chunk> png_chunk(Bytes bytes, std::size_t at) {
 
 constexpr std::size_t png_first_chunk = 8;
 
-std::optional<Bytes> png_header(Bytes bytes) {
+std::optional<CompressedHeader> png_header(Bytes bytes) {
   const auto chunk = png_chunk(bytes, png_first_chunk);
   if (!chunk || chunk->kind != "IHDR" || chunk->body.size() != 13) return std::nullopt;
-  return chunk->body;
+  const auto size = in_bounds(big_endian(chunk->body.first(4)), big_endian(chunk->body.subspan(4, 4)));
+  if (!size) return std::nullopt;
+  const int bits = chunk->body[8], colour = chunk->body[9];
+  const bool grey = colour == 0 || colour == 4;
+  return CompressedHeader{Compression::png, *size, grey ? 1 : 3, bits == 16 ? 16 : 8};
 }
 
 Result<void> check_png(Bytes bytes) {
@@ -151,18 +157,54 @@ Result<void> check_png(Bytes bytes) {
   return fail(ErrorCode::malformed_compressed_data, "the PNG is incomplete");
 }
 
+// What else is sent as a CompressedImage.
+
+/// `magic` at byte `at`.
+struct Signature {
+  std::size_t at;
+  std::string_view magic, name;
+};
+constexpr Signature signatures[] = {
+    {8, "WEBP", "WebP"},
+    {4, "ftypavif", "AVIF"},
+    {4, "ftyphei", "HEIF"},
+    {0, std::string_view("\0\0\0\x0CJXL ", 8), "JPEG XL"},
+    {0, "\xFF\x0A", "JPEG XL"},
+    {0, std::string_view("\0\0\0\x0CjP  ", 8), "JPEG 2000"},
+    {0, "\xFF\x4F\xFF\x51", "JPEG 2000"},
+    {0, std::string_view("II*\0", 4), "TIFF"},
+    {0, std::string_view("MM\0*", 4), "TIFF"},
+    {0, "BM", "BMP"},
+    {0, "GIF8", "GIF"},
+    {0, std::string_view("\0\0\0\x01", 4), "a video stream (H.264 or H.265)"},
+    {0, std::string_view("\0\0\x01", 3), "a video stream (H.264 or H.265)"},
+};
+
+/// compressed_depth_image_transport writes 12 bytes of parameters before its PNG.
+constexpr std::size_t depth_parameters = 12;
+
+tl::unexpected<Error> other_format(Bytes bytes) {
+  const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  if (text.size() > depth_parameters && compression_of(bytes.subspan(depth_parameters)) == Compression::png)
+    return fail(ErrorCode::malformed_depth_encoding,
+                "a PNG follows 12 bytes of parameters: this is a compressed depth image; configure the camera's image "
+                "topic");
+  std::string what = "data begins neither as a JPEG nor as a PNG";
+  const auto* const known = std::ranges::find_if(signatures, [&](const Signature& signature) {
+    return text.size() >= signature.at && text.substr(signature.at).starts_with(signature.magic);
+  });
+  if (known != std::end(signatures)) what += ", but as " + std::string(known->name);
+  return fail(ErrorCode::malformed_compressed_format, std::move(what));
+}
+
 }  // namespace
 
 Result<CompressedHeader> probe_compressed(Bytes bytes) {
   const auto compression = compression_of(bytes);
-  if (!compression) return fail(ErrorCode::malformed_compressed_format, "data begins neither as a JPEG nor as a PNG");
-  std::optional<ImageSize> size;
-  if (*compression == Compression::jpeg)
-    size = jpeg_size(bytes);
-  else if (const auto header = png_header(bytes))
-    size = in_bounds(big_endian(header->first(4)), big_endian(header->subspan(4, 4)));
-  if (!size) return fail(ErrorCode::malformed_compressed_dimensions, "its header gives no size in 1 .. 64 Mpx");
-  return CompressedHeader{*compression, *size};
+  if (!compression) return other_format(bytes);
+  const auto header = *compression == Compression::jpeg ? jpeg_header(bytes) : png_header(bytes);
+  if (!header) return fail(ErrorCode::malformed_compressed_dimensions, "its header gives no size in 1 .. 64 Mpx");
+  return *header;
 }
 
 Result<void> check_compressed(Bytes bytes, const CompressedHeader& header) {

@@ -14,10 +14,12 @@ namespace calib {
 struct CompressedHeader {
   Compression compression = Compression::jpeg;
   ImageSize size;
+  int channels = 3;  // 1: grey; without transparency
+  int bits = 8;      // 16 of a PNG with more than 8
 };
 
-/// The format by the first bytes, and the size from the header. Fails with `malformed:compressed_format` or
-/// `malformed:compressed_dimensions`.
+/// The format by the first bytes, and the rest from the header. Fails with `malformed:compressed_format`, which names
+/// some other formats, `malformed:depth_encoding` where a depth image shows, or `malformed:compressed_dimensions`.
 [[nodiscard]] Result<CompressedHeader> probe_compressed(std::span<const std::uint8_t> bytes);
 
 /// A progressive JPEG has about 10 scans, one with a scan per colour has 3. A decoder visits the whole image in each.

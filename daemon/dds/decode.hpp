@@ -21,18 +21,20 @@ namespace calib {
 // | code                            | message                | bound                                                |
 // |---------------------------------|------------------------|------------------------------------------------------|
 // | malformed:stamp                 | all                    | sec >= 0, nanosec < 1e9                              |
-// | malformed:encoding              | Image, DisparityImage  | one of those listed at the decoder                   |
+// | malformed:encoding              | Image, DisparityImage  | one of those listed at the decoder; * YUV 4:2:2 with |
+// |                                 |                        | brightness where the encoding has colour             |
 // | malformed:depth_encoding        | Image, CompressedImage | not 16UC1 or 32FC1, which hold depth                 |
 // | malformed:image_size            | all with an image      | 1 <= width * height <= 64 Mpx                        |
 // | malformed:step                  | Image, DisparityImage  | a row of pixels <= step <= the row + 4096 bytes;     |
-// |                                 |                        | * where the data is as long as rows without padding  |
+// |                                 |                        | * where the data is as long as rows without padding, |
+// |                                 |                        | or as a buffer whose width and height are rounded up |
 // | malformed:image_data            | Image, DisparityImage  | step * height <= data <= that + 64 KiB; OpenCV takes |
 // | image_size_mismatch             | all with an image      | the size from the configuration (ImageBound)         |
 // | malformed:disparity_scale       | DisparityImage         | f and t finite and > 0                               |
 // | malformed:disparity_range *     | DisparityImage         | min_disparity <= max_disparity, both finite          |
 // | malformed:disparity_sign *      | DisparityImage         | more positive than negative disparities              |
 // | malformed:valid_window *        | DisparityImage         | inside the image                                     |
-// | image_bits *                    | Image                  | 16-bit values above the 14, 12 or 10 lowest bits     |
+// | image_bits *                    | Image, CompressedImage | 16-bit values above the 14, 12 or 10 lowest bits     |
 // | malformed:compressed_size       | CompressedImage        | 1 .. width * height * 4 + 64 KiB, at most 32'000'000 |
 // | malformed:compressed_format     | CompressedImage        | JPEG (one frame, Huffman) or PNG (not animated)      |
 // | malformed:compressed_dimensions | CompressedImage        | 1 .. 64 Mpx in its header                            |
@@ -70,14 +72,17 @@ namespace calib {
 /// Whether an image is decoded in colour as well as in grey.
 enum class Colour { none, rgb };
 
-/// To 8-bit grey, by OpenCV's weights. Encodings: rgb8 bgr8 rgba8 bgra8 mono8 8UC1, 8UC3 (as bgr8),
-/// bayer_{rggb,bggr,gbrg,grbg}8, yuv422 = uyvy, yuv422_yuy2 = yuyv, nv12 and nv21 (whose data has half as many rows
-/// again); and mono16, rgb16, bgr16, 16UC3 and bayer_*16, of which 0 .. 2^`significant_bits` - 1 becomes 0 .. 255.
+/// To 8-bit grey, by OpenCV's weights. Encodings: rgb8 bgr8 rgba8 bgra8 mono8 8UC1, 8UC3 (as bgr8), 8UC4 (as bgra8),
+/// bayer_{rggb,bggr,gbrg,grbg}8, yuv422 = uyvy, yuv422_yuy2 = yuyv, nv12, nv21, i420 = yuv420 and yv12 (whose data has
+/// half as many rows again), nv24 (twice as many again); and mono16, rgb16, bgr16, 16UC3, rgba16, bgra16, 16UC4 and
+/// bayer_*16, of which 0 .. 2^`significant_bits` - 1 becomes 0 .. 255.
 [[nodiscard]] Result<Image> decode_image(const sensor_msgs_msg_dds__Image_& message, Colour colour = Colour::none,
                                          const ImageBound& bound = {});
 
-/// JPEG or PNG, told by the first bytes; the field `format` is ignored, and so is an EXIF orientation: a calibration
-/// refers to the pixels of the sensor.
+/// JPEG or PNG, told by the first bytes. The field `format` tells a depth image, and a Bayer mosaic that was compressed
+/// as it is ("bayer_rggb8; jpeg compressed "). An EXIF orientation is ignored: a calibration refers to the pixels of
+/// the sensor. A PNG of 16 bits is scaled as a raw image where `significant_bits` are fewer, else reduced to its high
+/// bytes.
 [[nodiscard]] Result<Image> decode_compressed_image(const sensor_msgs_msg_dds__CompressedImage_& message,
                                                     Colour colour = Colour::none, const ImageBound& bound = {});
 

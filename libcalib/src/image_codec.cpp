@@ -101,10 +101,11 @@ void png_reads(png_structp png, png_bytep out, std::size_t count) {
   left = left.subspan(count);
 }
 
-/// Reduces 16 bits to 8, drops transparency, and sorts interlaced rows.
-int ask_for_pixels(const Png& from, int channels) {
+/// Reduces 16 bits to 8 unless they are wanted, drops transparency, and sorts interlaced rows.
+int ask_for_pixels(const Png& from, const PixelLayout& layout) {
+  const int channels = layout.channels;
   png_set_expand(from.png);
-  png_set_strip_16(from.png);
+  if (!layout.words) png_set_strip_16(from.png);
   png_set_strip_alpha(from.png);
   if (channels == 3)
     png_set_gray_to_rgb(from.png);
@@ -124,7 +125,7 @@ bool read_png(Png& from, Bytes& left, const PixelLayout& layout, std::uint8_t* o
   png_set_chunk_cache_max(from.png, most_kept_chunks);
   png_set_read_fn(from.png, &left, &png_reads);
   png_read_info(from.png, from.info);
-  const int passes = ask_for_pixels(from, layout.channels);
+  const int passes = ask_for_pixels(from, layout);
   if (png_get_rowbytes(from.png, from.info) != layout.row_bytes() ||
       png_get_image_height(from.png, from.info) != static_cast<png_uint_32>(layout.height))
     return false;
