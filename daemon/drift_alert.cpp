@@ -1,5 +1,6 @@
 #include "drift_alert.hpp"
 
+#include <limits>
 #include <nlohmann/json.hpp>
 
 #include "calib/json_integer.hpp"
@@ -9,11 +10,15 @@ namespace {
 
 using nlohmann::json;
 
+double number(const json& value) {
+  return value.is_null() ? std::numeric_limits<double>::infinity() : value.get<double>();
+}
+
 Vector6 six(const json& first, const json& last) {
   Vector6 values;
   for (int i = 0; i < 3; ++i) {
-    values[i] = first.at(i).get<double>();
-    values[i + 3] = last.at(i).get<double>();
+    values[i] = number(first.at(i));
+    values[i + 3] = number(last.at(i));
   }
   return values;
 }
@@ -21,7 +26,7 @@ Vector6 six(const json& first, const json& last) {
 }  // namespace
 
 std::string alert_text(const DriftAlert& alert) {
-  const auto three = [](const auto& vector) { return json{vector[0], vector[1], vector[2]}; };
+  const auto three = [](const auto& vector) { return json{vector[0], vector[1], vector[2]}; };  // null: infinite
   return json{{"schema", 1},
               {"alert_sequence", alert.alert_sequence},
               {"stamp", rfc3339_ns(alert.stamp)},

@@ -16,7 +16,7 @@ struct DriftAlert {
   Verdict verdict = Verdict::not_evaluated;
   Verdict previous_verdict = Verdict::not_evaluated;
   std::string reason;
-  PairStatus::Misalignment misalignment;
+  PairStatus::Misalignment misalignment;  // infinite sigma: not estimated
   std::uint64_t record_sequence = 0;
 };
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "baseline_record.hpp"
 #include "message_ids.hpp"
@@ -69,7 +70,10 @@ PairDecision PairPipeline::decide(const PairState& state, Measurement measuremen
   evidence.same_scene = same_scene;
   DriftMonitor drift = monitor(after);
   if (const auto observed = drift.observe(evidence); !observed) return decide(state, Skip{observed.error()}, now);
+  if (measurement.optimum)
+    (speaks_of_drift(state.drift.verdict) ? after.run.optimum : after.usual_optimum) = measurement.optimum;
   after.drift = drift.state();
+  if (!speaks_of_drift(after.drift.verdict)) after.run.optimum.reset();
   after.last_evaluated = now.time.wall;
   ++after.evaluated;
   after.last_stamp = measurement.image_stamp;
@@ -124,7 +128,7 @@ PairDecision PairPipeline::conclude(const PairState& before, PairState after, co
   decision.recalibration_due = after.verdict == Verdict::drifted && !after.proposed_record && !after.probation &&
                                may_recalibrate(after, now) && eligible_frames(after).size() >= wanted_frames();
   decision.state = std::move(after);
-  finish(decision, before, decision.state->drift, now);
+  finish(decision, before, *decision.state, now);
   if (decision.record)
     decision.journal.push_back(
         {5, message_ids::baseline_learned,
@@ -141,7 +145,8 @@ void PairPipeline::conclude_verdict(PairState& after, const Now& now) const {
     if (const Verdict last = shown(after.drift.verdict); last == Verdict::drifted || last == Verdict::suspect)
       after.reason += fmt::format("; it was {} when last evaluated", to_string(last));
   } else if (after.run.windows_without_evidence == 0) {
-    after.set({shown(after.drift.verdict), cause(after.drift.verdict), monitor(after).reason()});
+    after.set(
+        {shown(after.drift.verdict), cause(after.drift.verdict), monitor(after).reason(found_misalignment(after))});
     if (after.verdict == Verdict::drifted)
       after.reason += "; pairs for recalibration: " + progress(after) + next_try(after, now);
     if (after.probation)
@@ -175,7 +180,7 @@ std::optional<CalibrationRecord> PairPipeline::baseline_due(const PairState& sta
 
 /// What a change of verdict brings with it: its time, the alert, the journal. `evidence` is what the verdict comes
 /// from.
-void PairPipeline::finish(PairDecision& decision, const PairState& before, const DriftState& evidence,
+void PairPipeline::finish(PairDecision& decision, const PairState& before, const PairState& evidence,
                           const Now& now) const {
   PairState& after = *decision.state;
   if (after.verdict == before.verdict) return;
@@ -187,8 +192,8 @@ void PairPipeline::finish(PairDecision& decision, const PairState& before, const
   alert.verdict = after.verdict;
   alert.previous_verdict = before.verdict;
   alert.reason = after.reason;
-  if (const auto estimate = DriftMonitor(settings_.drift, evidence).misalignment())
-    alert.misalignment = {estimate->delta, estimate->sigma()};
+  alert.misalignment.sigma.setConstant(std::numeric_limits<double>::infinity());
+  if (const auto estimate = misalignment(evidence)) alert.misalignment = {estimate->delta, estimate->sigma()};
   alert.record_sequence = now.history.in_force()->sequence;
   const bool cleared = after.verdict == Verdict::calibrated || after.verdict == Verdict::not_evaluated;
   decision.journal.push_back({cleared ? 5 : 4, message_id(after),
@@ -224,7 +229,7 @@ PairStatus PairPipeline::status(const PairState& state, const std::optional<Erro
   status.skipped = state.skipped;
   status.score = state.score;
   const DriftMonitor drift = monitor(state);
-  if (const auto estimate = drift.misalignment())
+  if (const auto estimate = misalignment(state))
     status.misalignment = PairStatus::Misalignment{estimate->delta, estimate->sigma()};
   if (drift.learned()) {
     status.detection_limit.emplace();

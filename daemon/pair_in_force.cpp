@@ -12,13 +12,15 @@ PairDecision PairPipeline::put_in_force(CalibrationRecord record, const PairStat
                                         const Now& now) const {
   PairDecision decision;
   const bool accepted = record.decision == Decision::accepted;
-  const DriftState evidence = std::move(after.drift);
+  const PairState evidence = after;
   const CalibrationRecord* baseline = accepted ? nullptr : now.history.baseline(record.T_camera_lidar);
   after.drift = baseline != nullptr && baseline->evidence_sha256 == settings_.evidence_sha256
                     ? learned_state(*baseline->baseline)
                     : DriftState{};
   after.set({Verdict::not_evaluated, ErrorCode::no_pair_yet,
              fmt::format("no pair was evaluated yet at the extrinsic of record {}", now.next_sequence)});
+  after.usual_optimum.reset();
+  after.run.optimum.reset();
   after.score.reset();
   after.proposed_record.reset();
   after.unresolved.reset();

@@ -49,7 +49,12 @@ Verdict shown(DriftVerdict verdict) {
   return Verdict::not_evaluated;
 }
 
-Result<Measurement> PairPipeline::measure(const FramePair& pair, const PairState& state, DepthEstimator& depth) const {
+bool speaks_of_drift(DriftVerdict verdict) {
+  return verdict == DriftVerdict::suspect || verdict == DriftVerdict::drifted;
+}
+
+Result<Measurement> PairPipeline::measure(const FramePair& pair, const PairState& state, DepthEstimator& depth,
+                                          const std::function<bool()>& keep_going) const {
   // Light, texture and motion, before anything costs time.
   const SceneThumbnail* last_image = state.run.last_image ? &*state.run.last_image : nullptr;
   if (auto usable = check_pair(pair, settings_.camera, last_image, settings_.quality); !usable)
@@ -63,9 +68,8 @@ Result<Measurement> PairPipeline::measure(const FramePair& pair, const PairState
   if (auto usable = check_depth(*depth_map, settings_.quality); !usable) return propagate(usable);
 
   // Ranks of depth and of range, of the points that can come into view.
-  auto features = make_features(
-      pair, *depth_map, settings_.camera, state.T_camera_lidar,
-      {.bounds = settings_.bounds, .min_points = settings_.quality.min_points, .edges = settings_.monocular_depth});
+  auto features = make_features(pair, *depth_map, settings_.camera, state.T_camera_lidar,
+                                {.bounds = settings_.bounds, .min_points = settings_.quality.min_points});
   if (!features) return propagate(features);
 
   // Mutual information at the extrinsic in force and one step to either side of it along each axis.
@@ -83,6 +87,7 @@ Result<Measurement> PairPipeline::measure(const FramePair& pair, const PairState
   // What an extrinsic on probation has to be better than.
   if (state.probation)
     measurement.previous_score = score(measurement.features, state.T_camera_lidar_before, objective).value;
+  measurement.optimum = optimum(state, measurement.features, keep_going);
   return measurement;
 }
 
@@ -129,7 +134,7 @@ Result<RestoredPair> PairPipeline::restore(const Result<std::optional<PairState>
         fmt::format("{}: earlier evidence is set aside: {}; the baseline is {}", settings_.pair, set_aside,
                     state.drift.baseline.pairs > 0 ? "that of the records" : "learned anew")};
   }
-  finish(decision, state, state.drift, now);
+  finish(decision, state, state, now);
   return restored;
 }
 
@@ -140,6 +145,8 @@ void PairPipeline::set_evidence_aside(PairState& state, const Now& now) const {
     state.unresolved = "it was drifted before its evidence was set aside";
   state.evidence_sha256 = settings_.evidence_sha256;
   state.drift = {};
+  state.usual_optimum.reset();
+  state.run.optimum.reset();
   state.score.reset();
   state.proposed_record.reset();
   if (state.probation) state.probation.emplace();

@@ -47,6 +47,7 @@ struct Measurement {
   Stencil stencil;
   std::optional<Matrix6> sensitivity = {};    // while the baseline is learned
   std::optional<double> previous_score = {};  // during a probation, at the extrinsic before
+  std::optional<Misalignment> optimum = {};   // now and then, by a search over this pair and those before it
   SceneThumbnail thumbnail = {};
   Timestamp image_stamp{};
   std::chrono::nanoseconds received{};  // since boot: when the last of its samples had arrived
@@ -146,8 +147,11 @@ class PairPipeline {
   [[nodiscard]] Result<RestoredPair> restore(const Result<std::optional<PairState>>& saved,
                                              const RigidTransform& T_camera_lidar, const Now& now) const;
 
-  /// Quality, depth, features, stencil. Fails with the reason why the pair carries no information, for `Skip`.
-  [[nodiscard]] Result<Measurement> measure(const FramePair& pair, const PairState& state, DepthEstimator& depth) const;
+  /// Quality, depth, features, stencil, and where the optimum lies when that is wanted: then it takes a second or two.
+  /// `keep_going` as of `search`; false leaves the optimum out. Fails with the reason why the pair carries no
+  /// information, for `Skip`.
+  [[nodiscard]] Result<Measurement> measure(const FramePair& pair, const PairState& state, DepthEstimator& depth,
+                                            const std::function<bool()>& keep_going = {}) const;
 
   /// The search of a recalibration, from the pairs since the onset of drift: it takes seconds to minutes. `keep_going`
   /// is called before each evaluation; false ends it. Fails with `not_ready`, `cancelled`, `search_failed` or
@@ -177,12 +181,18 @@ class PairPipeline {
   [[nodiscard]] CalibrationRecord new_record(Decision decision, const PairState& state, std::string asked_by,
                                              std::string reason) const;
 
+  // pair_optimum.cpp
+  [[nodiscard]] std::optional<Misalignment> optimum(const PairState& state, const FeatureSet& latest,
+                                                    const std::function<bool()>& keep_going) const;
+  [[nodiscard]] std::optional<Misalignment> found_misalignment(const PairState& state) const;
+  [[nodiscard]] std::optional<Misalignment> misalignment(const PairState& state) const;
+
   // pair_decide.cpp
   [[nodiscard]] bool shows_same_scene(const PairState& state, const Measurement& measurement) const;
   [[nodiscard]] PairDecision conclude(const PairState& before, PairState after, const Now& now) const;
   void conclude_verdict(PairState& after, const Now& now) const;
   [[nodiscard]] std::optional<CalibrationRecord> baseline_due(const PairState& state, const Now& now) const;
-  void finish(PairDecision& decision, const PairState& before, const DriftState& evidence, const Now& now) const;
+  void finish(PairDecision& decision, const PairState& before, const PairState& evidence, const Now& now) const;
   [[nodiscard]] std::optional<Grounds> grounds(const PairState& state, std::optional<std::string> not_written) const;
 
   // pair_recalibrate.cpp
@@ -204,7 +214,8 @@ class PairPipeline {
   PairSettings settings_;
 };
 
-/// The verdict that evidence alone carries.
+/// The verdict that evidence alone carries, and whether that is of drift.
 [[nodiscard]] Verdict shown(DriftVerdict verdict);
+[[nodiscard]] bool speaks_of_drift(DriftVerdict verdict);
 
 }  // namespace calib

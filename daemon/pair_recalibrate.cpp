@@ -82,7 +82,7 @@ void PairPipeline::count_refusal(PairState& state) const {
 
 RecalibrationSettings PairPipeline::recalibration_settings(const PairState& state) const {
   const DriftMonitor drift = monitor(state);
-  RecalibrationSettings settings{.bounds = settings_.bounds, .translation = !settings_.monocular_depth};
+  RecalibrationSettings settings{.bounds = settings_.bounds, .monocular_depth = settings_.monocular_depth};
   if (!drift.onset()) {
     settings.min_change_rotation_rad = settings_.drift.max_bias_rotation_rad;
     settings.min_change_translation_m = settings_.drift.max_bias_translation_m;

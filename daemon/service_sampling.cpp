@@ -27,7 +27,7 @@ std::variant<Measurement, Skip> Service::measure(Pair& pair) try {
   const auto samples = collect(pair);
   if (!samples) return Skip{samples.error()};
   const auto received = surroundings_.clock().since_boot;
-  auto measurement = pair.pipeline.measure(*samples, pair.state, *pair.depth);
+  auto measurement = pair.pipeline.measure(*samples, pair.state, *pair.depth, [this] { return keep_going(); });
   if (!measurement) return Skip{measurement.error()};
   measurement->received = received;
   pair.time_difference = samples->time_difference();

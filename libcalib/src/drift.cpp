@@ -46,6 +46,8 @@ constexpr double clear_share = 0.8;
 /// The reference values are raised by this many standard errors of the baseline's mean, each 1 / sqrt(pairs)
 /// deviations.
 constexpr double mean_sigmas = 1.5;
+/// An axis that was found to have moved by fewer standard deviations is not named.
+constexpr double shown_sigmas = 2;
 /// Verdicts about the baseline that is being learned.
 constexpr bool is_of_start(DriftVerdict verdict) {
   return verdict == DriftVerdict::suspect || verdict == DriftVerdict::drifted;
@@ -282,7 +284,7 @@ Result<DriftVerdict> DriftMonitor::observe(const AxisEvidence& evidence) {
   return verdict();
 }
 
-std::string DriftMonitor::reason() const {
+std::string DriftMonitor::reason(const std::optional<Misalignment>& found) const {
   switch (verdict()) {
     case DriftVerdict::learning:
       return fmt::format("learning the baseline: {} of {} scenes", state_.baseline.pairs, settings_.baseline_pairs);
@@ -295,7 +297,7 @@ std::string DriftMonitor::reason() const {
       break;
   }
   if (!learned()) return "the extrinsic does not fit what the sensors see, from the start";
-  return "the LiDAR seems to have moved" + moved_axes();
+  return "the LiDAR seems to have moved" + moved_axes(found);
 }
 
 /// The rotation with the largest detection limit, in words.
@@ -311,16 +313,17 @@ std::string DriftMonitor::least_detectable() const {
 }
 
 /// The axes along which the LiDAR has moved.
-std::string DriftMonitor::moved_axes() const {
-  const auto estimate = misalignment();
+std::string DriftMonitor::moved_axes(const std::optional<Misalignment>& found) const {
+  const auto estimate = found ? found : misalignment();
+  const bool at_least = !found && maximum_is_lost();
   std::string words;
   for (int axis = 0; estimate && axis < 6; ++axis) {
-    if (estimate->delta[axis] == 0) continue;
+    const double moved = estimate->delta[axis], sigma = estimate->sigma()[axis];
+    if (found ? std::abs(moved) < shown_sigmas * sigma : moved == 0) continue;
     words += (words.empty() ? ": " : "; ") + std::string(axis_names[axis]) + " ";
-    words += maximum_is_lost() ? motion_in_words(axis, estimate->delta[axis]) + " or more"
-                               : motion_in_words(axis, estimate->delta[axis], estimate->sigma()[axis]);
+    words += at_least ? motion_in_words(axis, moved) + " or more" : motion_in_words(axis, moved, sigma);
   }
-  if (words.empty()) return maximum_is_lost() ? ", too far to estimate where to" : "; where to is not significant yet";
+  if (words.empty()) return at_least ? ", too far to estimate where to" : "; where to is not significant yet";
   return words;
 }
 

@@ -90,7 +90,7 @@ struct Explanation {
 
 }  // namespace
 
-std::optional<DriftMonitor::Estimate> DriftMonitor::misalignment() const {
+std::optional<Misalignment> DriftMonitor::misalignment() const {
   if (!learned()) return std::nullopt;
   const DriftBaseline& baseline = state_.baseline;
   // Pairs from before the drift began would dilute the estimate.
@@ -119,8 +119,8 @@ std::optional<DriftMonitor::Estimate> DriftMonitor::misalignment() const {
                         Matrix6(curved.cwiseAbs2().asDiagonal()) + 1e-9 * Matrix6::Identity();
   problem.information = noise.inverse();
   const Vector6 farthest = 2 * prior;
-  Estimate estimate{prior.cwiseProduct(maximum_is_lost() ? problem.each_alone() : problem.simplest()),
-                    prior.asDiagonal() * problem.precision(all_axes).inverse() * prior.asDiagonal()};
+  Misalignment estimate{prior.cwiseProduct(maximum_is_lost() ? problem.each_alone() : problem.simplest()),
+                        prior.asDiagonal() * problem.precision(all_axes).inverse() * prior.asDiagonal()};
   estimate.delta = estimate.delta.cwiseMax(-farthest).cwiseMin(farthest);
   if (maximum_is_lost()) estimate.covariance = farthest.cwiseAbs2().asDiagonal();
   return estimate;

@@ -197,12 +197,11 @@ void take_points(const LidarScan& scan, const RigidTransform& T_camera_lidar, co
     reflectance.push_back(point.reflectance);
   }
   features.set_points(points, largest);
-  if (settings.edges)
-    for (const std::size_t i : range_edges(points, T_camera_lidar)) {
-      features.edge_x.push_back(features.x[i]);
-      features.edge_y.push_back(features.y[i]);
-      features.edge_z.push_back(features.z[i]);
-    }
+  for (const std::size_t i : range_edges(points, T_camera_lidar)) {
+    features.edge_x.push_back(features.x[i]);
+    features.edge_y.push_back(features.y[i]);
+    features.edge_z.push_back(features.z[i]);
+  }
   rank_distance(viewpoint(T_camera_lidar, settings.bounds), features);
   features.reflectance_rank = classes(reflectance, equal_population_limits);
   if (!settings.baselines) return;
@@ -343,7 +342,7 @@ Result<FeatureSet> make_features(const FramePair& pair, const DepthMap& depth, c
   pack(seen.distance, FeaturePlanes::depth, 1, 1, planes);
   pack(seen.distance, FeaturePlanes::tile_depth, FeatureSet::tile_columns, FeatureSet::tile_rows, planes);
   pack(seen.grey, FeaturePlanes::grey, 1, 1, planes);
-  if (settings.edges) planes.contrast = contrast_of(seen.grey, planes.grid);
+  planes.contrast = contrast_of(seen.grey, planes.grid);
   if (settings.baselines) {
     planes.depth_linear = classes(seen.depth, planes.grid, equal_width_limits);
     planes.grey_linear = classes(seen.grey, planes.grid, equal_width_limits);

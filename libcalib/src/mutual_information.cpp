@@ -76,7 +76,7 @@ struct Counting {
 struct Scratch {
   ProjectedPoints projected;
   std::vector<Counting> countings;
-  std::array<std::vector<std::uint32_t>, PointBlock::most_features> counts;
+  std::array<std::vector<std::uint32_t>, Objective::most_terms> counts;
 };
 
 /// Information of one table of `n` counts; none (1 when normalised, else 0) when all are in one class.
@@ -153,7 +153,7 @@ Projection projection_of(const FeatureSet& features, const RigidTransform& T_cam
 }  // namespace
 
 Score score(const FeatureSet& features, const RigidTransform& T_camera_lidar, const Objective& objective) {
-  assert(objective.count >= 1 && objective.count <= 3 && objective.stride >= 1);
+  assert(objective.count >= 1 && objective.count <= static_cast<int>(Objective::most_terms) && objective.stride >= 1);
   static thread_local Scratch scratch;
   std::vector<Counting>& countings = scratch.countings;
   countings.clear();

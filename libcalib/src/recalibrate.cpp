@@ -38,7 +38,10 @@ Result<Found> search_observable(Frames fit, const RigidTransform& T, SearchResul
   const SearchBounds& bounds = how.bounds;
   Found found{.result = std::move(first), .free_axes = wanted, .uncertainty = {}, .left = {}};
   while (true) {
-    const SearchSettings settings{.bounds = bounds, .free_axes = found.free_axes, .keep_going = how.keep_going};
+    const SearchSettings settings{.bounds = bounds,
+                                  .free_axes = found.free_axes,
+                                  .monocular_depth = how.monocular_depth,
+                                  .keep_going = how.keep_going};
     found.uncertainty = uncertainty(fit, found.result.T_camera_lidar, found.result.objective, settings);
     std::array<bool, 6> kept = found.free_axes;
     for (int axis = 0; axis < 6; ++axis) {
@@ -53,7 +56,9 @@ Result<Found> search_observable(Frames fit, const RigidTransform& T, SearchResul
       found.result.delta.setZero();
       return found;
     }
-    auto again = search(fit, T, Method::standard, {.bounds = bounds, .free_axes = kept, .keep_going = how.keep_going});
+    auto again = search(
+        fit, T, Method::standard,
+        {.bounds = bounds, .free_axes = kept, .monocular_depth = how.monocular_depth, .keep_going = how.keep_going});
     if (!again) return propagate(again);
     evaluations += again->evaluations;
     found.result = *std::move(again);
@@ -95,17 +100,18 @@ Result<Recalibration> recalibrate(Frames fit, Frames held_back, const RigidTrans
     return fail(ErrorCode::too_few_pairs, std::to_string(fit.size()) + " pairs to fit and " +
                                               std::to_string(held_back.size()) +
                                               " held back; at least 3 and 2 are needed");
-  const SearchSettings rotation{
-      .bounds = settings.bounds, .free_axes = rotation_axes, .keep_going = settings.keep_going};
-  const SearchSettings everything{.bounds = settings.bounds, .keep_going = settings.keep_going};
+  const SearchSettings everything{
+      .bounds = settings.bounds, .monocular_depth = settings.monocular_depth, .keep_going = settings.keep_going};
+  SearchSettings rotation = everything;
+  rotation.free_axes = rotation_axes;
   const auto rotated = search(fit, T_camera_lidar, Method::standard, rotation);
   if (!rotated) return propagate(rotated);
-  const auto moved = settings.translation ? search(fit, T_camera_lidar, Method::standard, everything) : rotated;
+  const auto moved = settings.monocular_depth ? rotated : search(fit, T_camera_lidar, Method::standard, everything);
   if (!moved) return propagate(moved);
   const Objective& objective = moved->objective;
 
   Recalibration result;
-  result.evaluations = rotated->evaluations + (settings.translation ? moved->evaluations : 0);
+  result.evaluations = rotated->evaluations + (settings.monocular_depth ? 0 : moved->evaluations);
   const bool translated =
       gain(held_back, rotated->T_camera_lidar, moved->T_camera_lidar, objective).exceeds(settings.min_gain_sigmas);
   const auto found =
@@ -128,6 +134,7 @@ Result<Recalibration> recalibrate(Frames fit, Frames held_back, const RigidTrans
                             .covariance = found->uncertainty.bootstrap_covariance,
                             .free_axes = found->free_axes,
                             .left = found->left,
+                            .monocular_depth = settings.monocular_depth,
                             .at_limit = found->result.ends_at_limit ? found->result.reason : ""};
   const Gain gained = gain(held_back, T_camera_lidar, result.T_camera_lidar, objective);
   auto objection = judge(candidate, gained, settings, result.evaluations);

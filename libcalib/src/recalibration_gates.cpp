@@ -164,8 +164,10 @@ Objection score_not_restored(const Candidate& candidate, const BaselineScore& ba
 Result<Objection> not_repeatable(const Candidate& candidate, const std::function<bool()>& keep_going,
                                  int& evaluations) {
   // Near enough that no grid search is needed, and far enough for the basin of another local maximum.
-  const SearchSettings near{
-      .bounds = {2.4 * radians_per_degree, 0.5}, .free_axes = candidate.free_axes, .keep_going = keep_going};
+  const SearchSettings near{.bounds = {2.4 * radians_per_degree, 0.5},
+                            .free_axes = candidate.free_axes,
+                            .monocular_depth = candidate.monocular_depth,
+                            .keep_going = keep_going};
   const std::vector<int> axes = axes_where(candidate.free_axes);
   // Each of two starts uses one half of the frames, so that both together take no longer than one search. The optimum
   // of a half differs from that of all frames by about as much as the latter from the truth.

@@ -17,6 +17,7 @@ struct Candidate {
   Matrix6 covariance = Matrix6::Zero();
   /// Axes that the search was free to move, and those that it left because they are not observable.
   std::array<bool, 6> free_axes{}, left{};
+  bool monocular_depth = false;
   /// Why its search ended, in words, when that was at a bound; else empty.
   std::string at_limit;
 

@@ -80,6 +80,69 @@ Result<Optimum> search_standard(SearchSteps& steps, const RigidTransform& T_star
   return Optimum{*found, last};
 }
 
+/// Few classes give a wide basin.
+Objective coarser_monocular(int stride) {
+  using enum FeaturePair;
+  return objective_of({{tiled_depth, 1, 16, true}, {intensity, 6, 16, true}, {edges, 1, 8, true}}, stride);
+}
+
+/// The rotation alone. A grid search finds where to begin, because the maximum is sharp, and the start itself is one
+/// beginning more; the best end counts.
+Result<RigidTransform> turn_monocular(SearchSteps& steps, const RigidTransform& T_base, double reach_rad) {
+  constexpr double wide_rad = 6 * radians_per_degree;
+  const Objective last = drift_objective(true);
+  const double spacing = std::clamp(reach_rad / 5, 1.5 * radians_per_degree, 2.5 * radians_per_degree);
+  auto beginnings = steps.best_of_grid(T_base, reach_rad, spacing, coarser_monocular(reach_rad > wide_rad ? 32 : 8),
+                                       reach_rad > wide_rad ? 6 : 3);
+  beginnings.push_back(T_base);
+  RigidTransform best = T_base;
+  double most = -std::numeric_limits<double>::infinity();
+  for (const RigidTransform& beginning : beginnings) {
+    const auto near = steps.maximise(beginning, 3, 0.7, coarser_monocular(4));
+    if (!near) return near;
+    const auto found = steps.maximise_again(*near, 3, 0.3, last);
+    if (!found) return found;
+    if (const double value = steps.value(*found, last); value > most) best = *found, most = value;
+  }
+  return best;
+}
+
+/// With monocular depth. Its bias moves the maximum of depth alone by degrees where a scene has little else, so that
+/// brightness and edges have their say from the beginning.
+Result<Optimum> search_monocular(SearchSteps& steps, const RigidTransform& T_start, const SearchSettings& settings) {
+  constexpr double farthest_rad = 30 * radians_per_degree, near_rad = 6 * radians_per_degree;
+  const Objective last = drift_objective(true);
+  const int parameters = steps.parameters();
+  RigidTransform T = T_start;
+  SearchBounds bounds = settings.bounds;
+  if (settings.any_orientation) bounds.rotation_rad = std::numbers::pi;
+  steps.recull(T, bounds);
+  if (parameters == 0) {
+    const auto near = steps.maximise(T, 0, 0.7, coarser_monocular(4));
+    if (!near) return propagate(near);
+    const auto found = steps.maximise_again(*near, 0, 0.3, last);
+    if (!found) return propagate(found);
+    return Optimum{*found, last};
+  }
+  if (bounds.rotation_rad > farthest_rad) {
+    const auto found = steps.coarse();
+    if (!found) return propagate(found);
+    T = *found;
+    bounds.rotation_rad = near_rad;
+    steps.recull(T, {farthest_rad, bounds.translation_m});
+  }
+  const auto turned = turn_monocular(steps, T, bounds.rotation_rad);
+  if (!turned) return propagate(turned);
+  if (parameters == 3) return Optimum{*turned, last};
+  steps.report_progress(0.6);
+  steps.recull(*turned, still_open(settings, parameters));
+  const auto near = steps.maximise(*turned, 6, 0.7, coarser_monocular(2));
+  if (!near) return propagate(near);
+  const auto found = steps.climb_along(*near, steps.principal_axes(*near, last), last, {.radius = 2});
+  if (!found) return propagate(found);
+  return Optimum{*found, last};
+}
+
 /// As the paper does it: the six parameters themselves, from the start, with the optimiser's usual first step of a
 /// quarter of the bound.
 Result<Optimum> search_as_published(SearchSteps& steps, const RigidTransform& T_start, Method method,
@@ -103,7 +166,7 @@ Result<Optimum> search_as_published(SearchSteps& steps, const RigidTransform& T_
 
 }  // namespace
 
-Objective final_objective(Method method, const std::array<bool, 6>& free_axes) {
+Objective final_objective(Method method, const std::array<bool, 6>& free_axes, bool monocular_depth) {
   using enum FeaturePair;
   switch (method) {
     case Method::d2d:
@@ -115,11 +178,13 @@ Objective final_objective(Method method, const std::array<bool, 6>& free_axes) {
     case Method::standard:
       break;
   }
+  if (monocular_depth) return drift_objective(true);
   // Tiles keep a bias of the depth out of the rotation. They also flatten the valley in which pitch and z are
-  // correlated, so that where translation is free, depth of the whole image is a term too.
+  // correlated, so that where translation is free, depth of the whole image is a term too. Depth that is biased moves
+  // the optimum's x by centimetres, which edges do not.
   if (!std::any_of(free_axes.begin() + 3, free_axes.end(), [](bool axis) { return axis; }))
     return objective_of({{tiled_depth, 1, 8, true}, {intensity, 3, 8, true}});
-  return objective_of({{depth, 1, 4, true}, {tiled_depth, 1, 8, true}, {intensity, 6, 8, true}});
+  return objective_of({{depth, 1, 4, true}, {tiled_depth, 1, 8, true}, {intensity, 6, 8, true}, {edges, 1, 8, true}});
 }
 
 Objective drift_objective(bool monocular_depth) {
@@ -138,8 +203,9 @@ Result<SearchResult> search(Frames frames, const RigidTransform& T_camera_lidar,
   if (settings.any_orientation && steps.parameters() == 0)
     return fail(ErrorCode::search_failed,
                 "for any orientation roll, pitch and yaw must be free, and all of x, y, z or none");
-  const auto found = method == Method::standard ? search_standard(steps, T_camera_lidar, settings)
-                                                : search_as_published(steps, T_camera_lidar, method, settings);
+  const auto found = method != Method::standard ? search_as_published(steps, T_camera_lidar, method, settings)
+                     : settings.monocular_depth ? search_monocular(steps, T_camera_lidar, settings)
+                                                : search_standard(steps, T_camera_lidar, settings);
   if (steps.cancelled()) return fail(ErrorCode::cancelled, "the search was ended before it was done");
   if (!found) return propagate(found);
 

@@ -2,6 +2,7 @@
 
 #include <Eigen/Eigenvalues>
 #include <cmath>
+#include <limits>
 #include <nlopt.hpp>
 #include <numbers>
 #include <string>
@@ -84,50 +85,62 @@ Result<RigidTransform> SearchSteps::maximise_again(RigidTransform T, int paramet
   return T;
 }
 
-Result<RigidTransform> SearchSteps::coarse() {
-  constexpr double wide_rad = 6 * radians_per_degree;
-  const double reach = settings_.any_orientation ? std::numbers::pi : settings_.bounds.rotation_rad;
-  const double spacing = std::clamp(reach / 5, 1.5 * radians_per_degree, 7.5 * radians_per_degree);
+std::vector<RigidTransform> SearchSteps::best_of_grid(const RigidTransform& T_base, double reach_rad,
+                                                      double spacing_rad, const Objective& objective,
+                                                      std::size_t count) {
+  const bool everywhere = reach_rad > std::numbers::pi / 3;
   const auto grid =
-      reach > std::numbers::pi / 3 ? rotations_everywhere(reach, spacing) : rotations_within(reach, spacing);
-  const bool wide = reach > wide_rad;
-  const auto few = view_.some(reach > std::numbers::pi / 3 ? 8 : 25);
-  const Objective quick = objective_of({{.ranks_per_class = 16}}, wide ? 32 : 8);
+      everywhere ? rotations_everywhere(reach_rad, spacing_rad) : rotations_within(reach_rad, spacing_rad);
+  const auto few = view_.some(everywhere ? 8 : 25);
   struct Candidate {
     double value;
     RigidTransform T;
   };
-  const auto is_cancelled = [this] { return cancelled(); };
   std::vector<Candidate> candidates;
   constexpr std::size_t at_once = 512;
   for (std::size_t first = 0; first < grid.size(); first += at_once) {
     std::vector<RigidTransform> some;
     for (std::size_t i = first; i < std::min(grid.size(), first + at_once); ++i)
-      some.push_back(T_start_ * RigidTransform(grid[i]));
-    const std::vector<double> information = total_information(few, some, quick, is_cancelled);
+      some.push_back(T_base * RigidTransform(grid[i]));
+    const std::vector<double> information = total_information(few, some, objective, [this] { return cancelled(); });
     for (std::size_t i = 0; i < some.size(); ++i) candidates.push_back({information[i], some[i]});
     report_progress(0.5 * static_cast<double>(first) / static_cast<double>(grid.size()));
   }
   evaluations_ += static_cast<int>(grid.size());
   std::ranges::stable_sort(candidates, std::ranges::greater(), &Candidate::value);
 
-  const std::size_t wanted = !wide ? 1 : reach > std::numbers::pi / 3 ? 16 : 6;
-  std::vector<Candidate> best;
+  std::vector<RigidTransform> best;
   for (const Candidate& candidate : candidates) {
-    const auto near = [&](const Candidate& other) {
-      return rotation_angle_rad(candidate.T.inverse() * other.T) < 1.5 * spacing;
+    const auto near = [&](const RigidTransform& other) {
+      return rotation_angle_rad(candidate.T.inverse() * other) < 1.5 * spacing_rad;
     };
-    if (!std::ranges::any_of(best, near)) best.push_back(candidate);
-    if (best.size() == wanted) break;
+    if (std::ranges::none_of(best, near)) best.push_back(candidate.T);
+    if (best.size() == count) break;
   }
-  if (best.size() == 1) return best.front().T;
+  return best;
+}
+
+Result<RigidTransform> SearchSteps::coarse() {
+  constexpr double wide_rad = 6 * radians_per_degree;
+  const double reach = settings_.any_orientation ? std::numbers::pi : settings_.bounds.rotation_rad;
+  const double spacing = std::clamp(reach / 5, 1.5 * radians_per_degree, 7.5 * radians_per_degree);
+  const bool wide = reach > wide_rad;
+  const auto candidates = best_of_grid(T_start_, reach, spacing, objective_of({{.ranks_per_class = 16}}, wide ? 32 : 8),
+                                       !wide                          ? 1
+                                       : reach > std::numbers::pi / 3 ? 16
+                                                                      : 6);
+  if (candidates.size() == 1) return candidates.front();
   const Objective middle = objective_of({{.ranks_per_class = 8}}, 8);
-  for (Candidate& candidate : best) {
-    const auto climbed = maximise(candidate.T, 3, 0.4 * spacing / unit_of(0), middle, 60);
+  RigidTransform best = T_start_;
+  double most = -std::numeric_limits<double>::infinity();
+  for (const RigidTransform& candidate : candidates) {
+    const auto climbed = maximise(candidate, 3, 0.4 * spacing / unit_of(0), middle, 60);
     if (!climbed) return climbed;
-    candidate = {total_information(view_.frames(), {&*climbed, 1}, middle, is_cancelled).front(), *climbed};
+    const double information =
+        total_information(view_.frames(), {&*climbed, 1}, middle, [this] { return cancelled(); }).front();
+    if (information > most) best = *climbed, most = information;
   }
-  return std::ranges::max_element(best, {}, &Candidate::value)->T;
+  return best;
 }
 
 Result<void> SearchSteps::optimise(std::vector<double> x, const std::vector<double>& bounds, const Run& run,

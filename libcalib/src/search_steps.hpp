@@ -83,6 +83,10 @@ class SearchSteps {
     return axis < 3 && settings_.any_orientation ? 30 : limit(axis) / unit_of(axis);
   }
 
+  /// The extrinsics that score best in a grid of rotations about `T_base`, at most `count`, none next to another.
+  [[nodiscard]] std::vector<RigidTransform> best_of_grid(const RigidTransform& T_base, double reach_rad,
+                                                         double spacing_rad, const Objective& objective,
+                                                         std::size_t count);
   /// Coarse grid search over rotations, by few classes and few points. The best candidates are refined a little before
   /// one of them is chosen.
   [[nodiscard]] Result<RigidTransform> coarse();

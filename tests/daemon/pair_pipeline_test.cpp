@@ -157,6 +157,29 @@ TEST_CASE("a dry run decides and changes nothing") {
   CHECK(loop.state().T_camera_lidar.matrix() == drive.vehicle.T_camera_lidar.matrix());
 }
 
+TEST_CASE("how far the LiDAR has moved is what a search finds, less what it finds while there is no drift") {
+  const Drive drive(77);
+  test::PairLoop loop = drive.loop(RecalibrationMode::propose);
+  CHECK_FALSE(loop.status().misalignment);
+  for (int i = 0; i < 24; ++i) REQUIRE(drive.evaluate(loop, drive.pair(i)));
+  REQUIRE(loop.state().usual_optimum);
+  CHECK_FALSE(loop.state().run.optimum);
+  for (int i = 24; i < 34; ++i) REQUIRE(drive.evaluate(loop, drive.pair(i, yaw(2))));
+  REQUIRE(loop.state().verdict == Verdict::drifted);
+  REQUIRE(loop.state().run.optimum);
+  const auto shown = *loop.status().misalignment;
+  CHECK(shown.delta == loop.state().run.optimum->delta - loop.state().usual_optimum->delta);
+  CHECK(shown.delta[2] == Approx(2 * radians_per_degree).margin(3 * shown.sigma[2]));
+  CHECK(shown.sigma[2] < 0.3 * radians_per_degree);
+  CHECK_THAT(loop.state().reason,
+             Catch::Matchers::ContainsSubstring("yaw 2.") || Catch::Matchers::ContainsSubstring("yaw 1.9"));
+  // It ends with the drift.
+  for (int i = 34; i < 60 && loop.state().verdict != Verdict::calibrated; ++i)
+    REQUIRE(drive.evaluate(loop, drive.pair(i)));
+  REQUIRE(loop.state().verdict == Verdict::calibrated);
+  CHECK_FALSE(loop.state().run.optimum);
+}
+
 TEST_CASE("windows without a measurement are counted by reason; the second in turn takes the verdict away") {
   const Drive drive(75);
   test::PairLoop loop = drive.loop();

@@ -14,12 +14,12 @@
 namespace calib::eval {
 namespace {
 
-std::vector<Cell> cells_of(const CalibrateOptions& options) {
+std::vector<Cell> cells_of(const CalibrateOptions& options, bool monocular_depth) {
   std::vector<Cell> cells;
   for (const Method method : options.methods)
     for (const double rotation : options.rotation_deg)
       for (const double translation : options.translation_cm)
-        cells.push_back({method, options.degrees_of_freedom, {rotation, translation}});
+        cells.push_back({method, options.degrees_of_freedom, {rotation, translation}, monocular_depth});
   return cells;
 }
 
@@ -100,7 +100,7 @@ Result<Doubts> calibrate(const RecordingOptions& recording_options, const Calibr
   std::cout << frames_line(*recording_frames) << ", " << options.starts << " starts\n";
   print_doubts(doubts);
   std::cout << table_heading() << std::endl;
-  const std::vector<Cell> cells = cells_of(options);
+  const std::vector<Cell> cells = cells_of(options, recording_options.monocular_depth());
   for (std::size_t i = 0; i < cells.size(); ++i) {
     const auto experiment = [&] {
       Progress progress(name_of(cells[i]), static_cast<std::size_t>(options.starts));
@@ -140,7 +140,8 @@ Result<Doubts> curves(const RecordingOptions& recording_options, const Landscape
   std::cout << frames_line(recording_frames) << '\n';
   print_doubts(doubts);
   for (const Method method : options.methods) {
-    const Objective objective = final_objective(method, free_axes(options.degrees_of_freedom));
+    const Objective objective =
+        final_objective(method, free_axes(options.degrees_of_freedom), recording_options.monocular_depth());
     std::cout << to_string(method) << " scores best at";
     for (int axis = 0; axis < 6; ++axis) {
       const Curve along =
@@ -168,7 +169,8 @@ Result<Doubts> surfaces(const RecordingOptions& recording_options, const Landsca
   print_doubts(doubts);
   Progress progress("surfaces", options.methods.size() * options.axis_pairs.size());
   for (const Method method : options.methods) {
-    const Objective objective = final_objective(method, free_axes(options.degrees_of_freedom));
+    const Objective objective =
+        final_objective(method, free_axes(options.degrees_of_freedom), recording_options.monocular_depth());
     for (const auto& axes : options.axis_pairs) {
       const Surface over =
           surface(frames, recording_frames.T_camera_lidar, objective, axes, options.around, recording_options.threads);

@@ -67,7 +67,6 @@ struct DriftOptions {
   double driving_hours_per_week = 56;
   double false_alerts_per_1000_vehicle_weeks = 1;
   std::optional<int> block;
-  bool monocular_depth = false;  // from one image, by a network, whoever wrote the files; that of onnx: always is
   std::filesystem::path json;
 };
 inline constexpr int usual_drift_frames = 96;

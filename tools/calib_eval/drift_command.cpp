@@ -60,10 +60,6 @@ std::vector<Plan> plans_of(const RecordingOptions& recording_frames, const Drift
   return plans;
 }
 
-bool monocular_depth(const RecordingOptions& recording_frames, const DriftOptions& options) {
-  return options.monocular_depth || recording_frames.depth.starts_with("onnx:");
-}
-
 std::vector<std::vector<bool>> same_scene(const RecordingFrames& recording_frames, double min_scene_change) {
   std::vector<SceneThumbnail> thumbnails;
   for (const auto& frame : recording_frames.frames) thumbnails.push_back(thumbnail(frame.pair.image));
@@ -84,7 +80,7 @@ SequenceSettings settings_for(const RecordingOptions& recording_frames, const Dr
   settings.driving_hours_per_week = options.driving_hours_per_week;
   settings.seed = recording_frames.seed;
   settings.threads = recording_frames.threads;
-  settings.drift = usual_drift_settings(monocular_depth(recording_frames, options));
+  settings.drift = usual_drift_settings(recording_frames.monocular_depth());
   settings.same_scene = same_scene(read, settings.drift.min_scene_change);
   settings.drift.pairs_to_detect = pairs_to_detect(recording_frames);
   settings.drift.false_alarms_per_pair =
@@ -160,7 +156,7 @@ Json describe_settings(const Study& study) {
           {"pairs", pairs_of(study.recording_frames, study.options)},
           {"baseline_pairs", settings.drift.baseline_pairs},
           {"max_baseline_pairs", settings.drift.max_baseline_pairs},
-          {"monocular_depth", monocular_depth(study.recording_frames, study.options)}};
+          {"monocular_depth", study.recording_frames.monocular_depth()}};
 }
 
 /// Blocks are drawn from among others: of one alone, all sequences are the same.
@@ -180,8 +176,8 @@ Result<Study> study_of(const RecordingOptions& recording_options, const DriftOpt
   std::vector<LadderPlan> ladders;
   for (const Plan& plan : study.plans) ladders.push_back(plan.ladder);
   Progress progress("evidence", places_of(ladders) * recording_frames.frames.size());
-  auto evidence = measure(recording_frames, ladders, monocular_depth(recording_options, options),
-                          recording_options.threads, [&] { progress.step(); });
+  auto evidence = measure(recording_frames, ladders, recording_options.monocular_depth(), recording_options.threads,
+                          [&] { progress.step(); });
   if (!evidence) return propagate(evidence);
   study.evidence = *std::move(evidence);
   return study;

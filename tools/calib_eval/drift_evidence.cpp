@@ -51,8 +51,7 @@ std::size_t places_of(const std::vector<LadderPlan>& plans) {
 
 Result<DriftEvidence> measure(const RecordingFrames& recording_frames, const std::vector<LadderPlan>& plans,
                               bool monocular_depth, int threads, const std::function<void()>& done) {
-  const auto features =
-      recording_frames.features({.min_points = QualityLimits{}.min_points, .edges = monocular_depth}, threads);
+  const auto features = recording_frames.features({.min_points = QualityLimits{}.min_points}, threads);
   if (!features) return propagate(features);
   const Objective objective = drift_objective(monocular_depth);
   const auto steps = stencil_steps(monocular_depth);

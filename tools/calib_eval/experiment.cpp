@@ -17,7 +17,8 @@ double thread_seconds() {
 SearchSettings settings_for(const Cell& cell) {
   return {.bounds = search_bounds(cell.range),
           .any_orientation = cell.range.any_orientation(),
-          .free_axes = cell.free_axes()};
+          .free_axes = cell.free_axes(),
+          .monocular_depth = cell.monocular_depth};
 }
 
 Spread spread_of(const std::vector<Vector6>& values) {

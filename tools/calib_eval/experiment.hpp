@@ -15,6 +15,7 @@ struct Cell {
   Method method = Method::standard;
   int degrees_of_freedom = 3;  // 3: roll, pitch, yaw; 6: all
   ErrorRange range;
+  bool monocular_depth = false;
 
   [[nodiscard]] std::array<bool, 6> free_axes() const {
     const bool six = degrees_of_freedom == 6;

@@ -203,6 +203,8 @@ void CommandLine::add_recording(CLI::App& to, bool or_simulation) {
   to.add_option("--depth-scale", recording_frames_.depth_scale, "What is stored divided by this is the value")
       ->needs(folder)
       ->check(number(1e-9, 1e9));
+  to.add_flag("--monocular-depth", recording_frames_.monocular_files,
+              "The depth in the files is of one image, by a network, as that of onnx: is");
   to.add_option("--depth-bias", recording_frames_.depth_bias,
                 "Spoil the depth by a smooth random field of this amplitude")
       ->check(number(0, 0.99))
@@ -340,8 +342,6 @@ void CommandLine::add_drift() {
       ->capture_default_str();
   added->add_option("--block", drift_.block, "Frames that stay together; default: the cube root of their number")
       ->check(whole_number(1, 10000));
-  added->add_flag("--monocular-depth", drift_.monocular_depth,
-                  "The depth is monocular: it is judged as that of onnx: is");
   added->add_option("--json", drift_.json, "Write the result into this file");
   added->parse_complete_callback([this, added] { finish_drift(*added); });
 }

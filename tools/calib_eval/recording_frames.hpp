@@ -21,12 +21,15 @@ struct RecordingOptions {
   std::filesystem::path depth_dir;
   std::string depth_kind;
   std::optional<double> depth_scale;
+  bool monocular_files = false;  // depth in files is of one image, by a network
   double depth_bias = 0;
   std::uint64_t seed = 1;
   int frames = 25;
   int threads = 1;
   int places = 8;        // sim: streets, of seeds from `seed` on
   double period_s = 10;  // sim: of driving, between two frames
+
+  [[nodiscard]] bool monocular_depth() const { return monocular_files || depth.starts_with("onnx:"); }
 };
 
 /// How the depth of a recording agrees with its clouds, at its own extrinsic.

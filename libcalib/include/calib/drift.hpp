@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "calib/cusum.hpp"
-#include "calib/mutual_information.hpp"
+#include "calib/misalignment.hpp"
 
 namespace calib {
 
@@ -190,8 +190,9 @@ class DriftMonitor {
   void restart();
 
   [[nodiscard]] DriftVerdict verdict() const { return state_.verdict; }
-  /// The verdict in words, with the axes that caused it.
-  [[nodiscard]] std::string reason() const;
+  /// The verdict in words; of drift, with the axes that have moved, by `found` where something better than
+  /// `misalignment` is known.
+  [[nodiscard]] std::string reason(const std::optional<Misalignment>& found = {}) const;
   /// Whether there is a baseline.
   [[nodiscard]] bool learned() const { return state_.baseline.pairs >= settings_.baseline_pairs; }
 
@@ -201,12 +202,7 @@ class DriftMonitor {
   /// means "at least". `covariance` is that of all explanations under a normal prior of one stencil step per axis.
   /// Outside the basin each axis is estimated separately, with a standard deviation of two stencil steps. Needs three
   /// pairs and a baseline.
-  struct Estimate {
-    Vector6 delta = Vector6::Zero();
-    Matrix6 covariance = Matrix6::Zero();
-    [[nodiscard]] Vector6 sigma() const { return covariance.diagonal().cwiseSqrt(); }
-  };
-  [[nodiscard]] std::optional<Estimate> misalignment() const;
+  [[nodiscard]] std::optional<Misalignment> misalignment() const;
   /// The smallest shift along an axis (rad or m) that is detected within `pairs_to_detect`; infinite for an axis that
   /// is not observable, and without a baseline.
   [[nodiscard]] double detection_limit(int axis) const;
@@ -215,6 +211,8 @@ class DriftMonitor {
   /// The largest sum of an axis' charts, and of those of the loss of the maximum, as a share of its limit.
   [[nodiscard]] double evidence(int axis) const;
   [[nodiscard]] double loss_evidence() const;
+  /// Whether there is evidence of the loss of the maximum: the LiDAR has moved out of the basin.
+  [[nodiscard]] bool maximum_is_lost() const;
   [[nodiscard]] const DriftState& state() const { return state_; }
   [[nodiscard]] const DriftSettings& settings() const { return settings_; }
 
@@ -228,8 +226,6 @@ class DriftMonitor {
   [[nodiscard]] double loss_reference(std::size_t chart) const;
   /// By how much the deviations of an axis must be divided for a chart.
   [[nodiscard]] double wander(int axis, std::size_t chart) const;
-  /// Whether there is evidence of the loss of the maximum.
-  [[nodiscard]] bool maximum_is_lost() const;
   /// Whether the loss of the maximum would be detected within so many pairs.
   [[nodiscard]] bool detects_lost_maximum(double pairs) const;
   void accumulate();
@@ -238,7 +234,7 @@ class DriftMonitor {
   [[nodiscard]] DriftVerdict decide() const;
   [[nodiscard]] DriftVerdict decide_from_start() const;
   [[nodiscard]] std::string least_detectable() const;
-  [[nodiscard]] std::string moved_axes() const;
+  [[nodiscard]] std::string moved_axes(const std::optional<Misalignment>& found) const;
 
   DriftSettings settings_;
   std::vector<double> limits_;  // of the charts that are in use

@@ -42,8 +42,6 @@ struct FeatureSettings {
   int min_points = 1000;
   /// Also the features that only the published methods need.
   bool baselines = false;
-  /// Also the edges, which `FeaturePair::edges` needs.
-  bool edges = false;
 };
 
 /// Where a packed pixel holds the class of a feature: `bits` bits from `shift` on, 2^class_shift ranks a class, all

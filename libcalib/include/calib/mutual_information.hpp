@@ -35,9 +35,10 @@ struct Term {
   bool normalised = true;
 };
 
-/// What is maximised: the weighted mean of one to three terms.
+/// What is maximised: the weighted mean of one to four terms.
 struct Objective {
-  std::array<Term, 3> terms{};
+  static constexpr std::size_t most_terms = 4;
+  std::array<Term, most_terms> terms{};
   int count = 1;
   /// Scores an even sample of one in `stride` points, a power of two up to 32; for coarse searches.
   int stride = 1;

@@ -27,8 +27,8 @@ struct BaselineScore {
 struct RecalibrationSettings {
   /// The extrinsic stays within these of the starting one, per axis, in the LiDAR frame.
   SearchBounds bounds;
-  /// False: only the rotation may change.
-  bool translation = true;
+  /// Depth comes from one image, by a network. Then only the rotation may change.
+  bool monocular_depth = false;
   /// The gain on pairs held back must exceed this many of its own standard errors.
   double min_gain_sigmas = 2;
   /// A change within these is refused: without evidence of drift it may be the depth source's bias. Zero where there is
@@ -62,9 +62,9 @@ struct Recalibration {
   int evaluations = 0;
 };
 
-/// Searches over `fit` (search.hpp, the default method) for the rotation alone and for all six parameters. The
-/// `held_back` frames take no part in the search; they decide whether translation is moved at all. Unobservable axes
-/// are not moved. The result is accepted when it passes all of these gates, in this order:
+/// Searches over `fit` (search.hpp, the default method) for the rotation alone and, but with monocular depth, for all
+/// six parameters. The `held_back` frames take no part in the search; they decide whether translation is moved at all.
+/// Unobservable axes are not moved. The result is accepted when it passes all of these gates, in this order:
 /// - at least two rotations and more than half of the free axes are observable: fewer axes would absorb the
 ///   misalignment of the others;
 /// - it is inside the bounds, and larger than the least change;

@@ -37,6 +37,8 @@ struct SearchSettings {
   bool any_orientation = false;
   /// Axes (roll, pitch, yaw, x, y, z of the LiDAR at the start) that may move.
   std::array<bool, 6> free_axes{true, true, true, true, true, true};
+  /// Depth comes from one image, by a network: the standard method then relies on brightness and edges as much.
+  bool monocular_depth = false;
   /// Called with a share of the work done, 0 .. 1, now and then. May be empty.
   std::function<void(double)> progress = {};
   /// Called before each evaluation, some milliseconds apart; false ends the work, which then fails with `cancelled`.
@@ -94,6 +96,7 @@ struct Uncertainty {
 [[nodiscard]] Objective drift_objective(bool monocular_depth);
 
 /// The objective of a method's last stage, unless the depth is found to be biased.
-[[nodiscard]] Objective final_objective(Method method, const std::array<bool, 6>& free_axes);
+[[nodiscard]] Objective final_objective(Method method, const std::array<bool, 6>& free_axes,
+                                        bool monocular_depth = false);
 
 }  // namespace calib
