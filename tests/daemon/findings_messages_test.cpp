@@ -30,6 +30,14 @@ TEST_CASE("a zero P falls back to K, and binning is told with the raw values") {
   CHECK(problems(seen) == Names{"lens/camera_info_mismatch"});
   CHECK(holds(finding(seen, "lens").seen, "320 x 96 pixels (640 x 192 with binning 2 x 2), camera.size is 640 x 192"));
   CHECK(holds(finding(seen, "lens").cause, "applies binning or roi"));
+  CHECK(holds(finding(seen, "lens").remedy, "write camera.info_reduction: ignored"));
+  seen = healthy();
+  seen.camera_info->reduced_from = "1280 x 384 with binning 2 x 2";
+  for (const int i : {0, 2, 4, 5}) seen.camera_info->K[i] /= 2;
+  for (const int i : {0, 2, 5, 6}) seen.camera_info->P[i] /= 2;
+  CHECK(problems(seen) == Names{"lens/intrinsics_mismatch"});
+  CHECK(holds(finding(seen, "lens").cause, "beside a binning or roi"));
+  CHECK(holds(finding(seen, "lens").remedy, "write camera.info_reduction: size_only"));
 }
 
 TEST_CASE("what was wrong in messages that were used is a warning with its value and remedy") {
