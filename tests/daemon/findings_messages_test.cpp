@@ -104,3 +104,21 @@ TEST_CASE("a missing reflectance is said, and an empty sample judges nothing") {
   seen.cloud = CloudStatistics{60000, 100, 0, 0, 0};
   CHECK(finding(seen, "cloud_range").result == FindingResult::not_checked);
 }
+
+TEST_CASE("publishers of messages that drivers have of their own are told what can be set") {
+  PairObservation seen = healthy();
+  const std::string cloud = find(seen, "cloud").topic;
+  silence(seen, "cloud");
+  seen.writers.push_back({cloud, "livox_ros_driver2/msg/CustomMsg", true, ""});
+  CHECK(problems(seen) == Names{"cloud/wrong_type"});
+  CHECK(holds(finding(seen, "cloud").remedy, "set xfer_format of the driver to 0 (PointCloud2)"));
+  seen.writers.back().type = "velodyne_msgs/msg/VelodyneScan";
+  CHECK(holds(finding(seen, "cloud").cause, "the sensor's packets"));
+  seen.writers.back().type = "point_cloud_interfaces/msg/CompressedPointCloud2";
+  CHECK(holds(finding(seen, "cloud").remedy, "republish it as raw"));
+  // A topic of the right type is nearer at hand than a change of the driver.
+  seen.writers.push_back({"/points_raw", cloud_type_name, true, ""});
+  CHECK(holds(finding(seen, "cloud").remedy, "/points_raw as lidar.cloud"));
+  seen.writers = {{cloud, "my_msgs/msg/Blob", true, ""}};
+  CHECK(finding(seen, "cloud").cause == "it is another topic than the one that was meant");
+}
