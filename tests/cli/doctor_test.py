@@ -315,6 +315,7 @@ def test_problems_come_first_with_cause_and_remedy(car):
     assert lines[1].startswith("Found           : 1 problem, ")
     assert lines[2].startswith("Cloud           : PROBLEM: nobody publishes /lidar/pointz")
     assert lines[3].startswith("  likely cause  : ") and lines[4].startswith("  remedy        : ")
+    assert lines[5] == "  code          : wrong_topic"
 
 
 def test_there_is_one_picture_per_pair_in_the_state_folder(car, answer):
