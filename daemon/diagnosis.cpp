@@ -45,8 +45,7 @@ std::string found_words(const std::vector<Finding>& findings) {
   for (const FindingResult result : {FindingResult::problem, FindingResult::warning})
     for (const Finding& finding : findings)
       if (finding.result == result)
-        words +=
-            (words.empty() ? "" : ", ") + std::string(to_string(result)) + " " + finding.check + " " + finding.code;
+        words += fmt::format("{}{} {} ({})", words.empty() ? "" : ", ", to_string(result), finding.code, finding.check);
   return words.empty() ? "no problem found" : words;
 }
 
