@@ -33,8 +33,8 @@ std::string_view page_of(std::string_view code) {
 std::string codes_like(std::string_view part) {
   std::string codes;
   for (std::size_t at = code_pages.find("\n["); at != std::string_view::npos; at = code_pages.find("\n[", at + 1)) {
-    const std::string_view code = code_pages.substr(at + 2, code_pages.find(']', at) - at - 2);
-    if (code.find(part) != std::string_view::npos) codes += (codes.empty() ? "" : ", ") + std::string(code);
+    const std::string_view name = code_pages.substr(at + 2, code_pages.find(']', at) - at - 2);
+    if (name.find(part) != std::string_view::npos) codes += (codes.empty() ? "" : ", ") + std::string(name);
   }
   return codes;
 }
