@@ -73,10 +73,22 @@ SamplingConfig read_sampling(const ConfigNode& node) {
   return sampling;
 }
 
+InfoReduction read_reduction(const ConfigNode& node) {
+  const std::string name = node.text();
+  if (name == "as_specified") return InfoReduction::as_specified;
+  if (name == "ignored") return InfoReduction::ignored;
+  if (name != "size_only") node.refuse("is none of: as_specified, ignored, size_only");
+  return InfoReduction::size_only;
+}
+
 CameraConfig read_camera(const ConfigNode& node) {
-  node.with_keys({"image", "info", "frame_id", "bits", "model", "size", "intrinsics", "distortion"});
+  node.with_keys({"image", "info", "info_reduction", "frame_id", "bits", "model", "size", "intrinsics", "distortion"});
   CameraConfig camera{.image = read_topic(node.at("image")), .info = {}, .camera = read_camera_model(node)};
   if (const auto info = node.find("info")) camera.info = read_topic(*info);
+  if (const auto reduction = node.find("info_reduction")) {
+    if (!camera.info) reduction->refuse("is about info, which is not given");
+    camera.info->reduction = read_reduction(*reduction);
+  }
   if (const auto frame = node.find("frame_id")) read_frame_id(*frame, camera.frame_id);
   if (const auto bits = node.find("bits")) camera.bits = bits->integer(8, 16);
   return camera;

@@ -48,7 +48,7 @@ struct FrameName {
 struct CameraConfig {
   std::string image;
   /// Topic of the CameraInfo whose intrinsics must agree with `camera`.
-  std::optional<std::string> info;
+  std::optional<CameraInfoTopic> info;
   FrameName frame_id{"camera_optical", "camera.frame_id"};
   /// Of the 16 in a value of mono16 and the like.
   int bits = 16;

@@ -1,6 +1,11 @@
 #include "diagnosis.hpp"
 
+#include <fmt/format.h>
+
+#include <cmath>
+
 #include "calib/overlay.hpp"
+#include "calib/wall_time.hpp"
 #include "topic_probe.hpp"
 
 namespace calib {
@@ -14,15 +19,48 @@ constexpr double good_agreement = 0.7, good_share = 0.3;
 
 /// Written under another name first, so that nobody reads half a picture.
 Result<void> draw(const std::filesystem::path& file, const FramePair& pair, const RigidTransform& T_camera_lidar,
-                  const Camera& camera, const DepthMap* depth) {
+                  const Camera& camera, const DepthMap* depth, const OverlayCaption& caption) {
   std::error_code error;
   std::filesystem::create_directories(file.parent_path(), error);
   auto unfinished = file;
   unfinished.replace_extension(".new.png");
-  if (auto written = write_overlay(unfinished, pair, camera, T_camera_lidar, depth); !written) return written;
+  if (auto written = write_overlay(unfinished, pair, camera, T_camera_lidar, depth, &caption); !written) return written;
   std::filesystem::rename(unfinished, file, error);
   if (error) return fail(ErrorCode::write_failed, file.string() + " cannot be written: " + error.message());
   return {};
+}
+
+/// "image /left/image, 2026-01-31T12:00:00.000Z, 40 ms old". A stamp need not be of this computer's clock.
+std::string frame_words(std::string_view what, const std::string& topic, Timestamp stamp, WallTime now) {
+  const auto age = std::chrono::abs(now - stamp);
+  const auto words = age < std::chrono::seconds(1)
+                         ? fmt::format("{} ms", std::chrono::duration_cast<std::chrono::milliseconds>(age).count())
+                         : duration_words(age);
+  return fmt::format("{} {}, {}, {} {}", what, topic, rfc3339(stamp), words, now < stamp ? "ahead" : "old");
+}
+
+/// The codes of what was found, problems first.
+std::string found_words(const std::vector<Finding>& findings) {
+  std::string words;
+  for (const FindingResult result : {FindingResult::problem, FindingResult::warning})
+    for (const Finding& finding : findings)
+      if (finding.result == result)
+        words += fmt::format("{}{} {} ({})", words.empty() ? "" : ", ", to_string(result), finding.code, finding.check);
+  return words.empty() ? "no problem found" : words;
+}
+
+OverlayCaption caption_of(const DiagnosisInput& input, const PairObservation& seen, const FramePair& pair,
+                          const std::vector<Finding>& findings, WallTime now) {
+  OverlayCaption caption{.title = input.pair.name + (input.verdict.empty() ? "" : ": " + input.verdict)};
+  const auto& agreement = seen.extrinsic ? seen.extrinsic->agreement : std::nullopt;
+  if (agreement)
+    caption.title += fmt::format("; rank correlation of depth and cloud {:.2f}", agreement->rank_correlation);
+  caption.lines = {frame_words("image", input.topics.image, pair.image.stamp, now),
+                   frame_words("cloud", input.topics.cloud, pair.scan.stamp, now) +
+                       fmt::format(", {:.0f} ms apart",
+                                   std::abs(std::chrono::duration<double, std::milli>(pair.time_difference()).count())),
+                   found_words(findings)};
+  return caption;
 }
 
 /// The camera that CameraInfo describes, if it is for images of the configured size.
@@ -122,12 +160,15 @@ void diagnose_pair(const DiagnosisInput& input, Network& network, DepthSource& d
   if (!pair) seen.time_difference = propagate(pair);
   if (const auto ready = depth.prepare(); !ready && seen.depth_kind.preparation_failure)
     seen.depth = fail(seen.depth_kind.preparation_failure->code, ready.error().context);
+  const WallTime arrived = std::chrono::system_clock::now().time_since_epoch();
   std::optional<DepthMap> map;
   if (pair && *pair) map = try_depth(input, **pair, depth, keep_going, seen);
-  for (Finding& finding : diagnose(seen)) report.checks.push_back({name, std::move(finding)});
+  const std::vector<Finding> findings = diagnose(seen);
+  for (const Finding& finding : findings) report.checks.push_back({name, finding});
   if (!pair || !*pair) return;
   const auto file = input.picture_folder / (name + ".png");
-  const auto drawn = draw(file, **pair, input.T_camera_lidar, seen.camera, map ? &*map : nullptr);
+  const auto drawn = draw(file, **pair, input.T_camera_lidar, seen.camera, map ? &*map : nullptr,
+                          caption_of(input, seen, **pair, findings, arrived));
   if (drawn)
     report.overlays.push_back({name, file});
   else

@@ -18,7 +18,8 @@ struct PairFinding {
   Finding finding;
 };
 
-/// A picture of a pair: the image with the projected points of the cloud, and below it the depth map.
+/// A picture of a pair: the image with the projected points of the cloud, and below it the depth map. Above them stand
+/// the pair, its topics, stamps and ages of the frames, what was found, and the colours of ranges.
 struct Overlay {
   std::string pair;
   std::filesystem::path file;  // PNG
@@ -38,6 +39,7 @@ struct DiagnosisInput {
   const RigidTransform& T_camera_lidar;              // in force
   const std::set<std::string>& image_topics_in_use;  // of all pairs: not suggested in place of a wrong topic
   std::filesystem::path picture_folder;              // created if it does not exist
+  std::string verdict = {};                          // of the pair, for the picture's title; empty: not known
 };
 
 /// Listens to the topics of a pair for up to five seconds, estimates depth, and appends to `report`: the findings of

@@ -97,6 +97,8 @@ struct Finding {
 void diagnose_samples(const PairObservation& seen, std::vector<Finding>& findings);
 /// The part of `diagnose` about sizes, lenses, ranges, depth and the extrinsic.
 void diagnose_geometry(const PairObservation& seen, std::vector<Finding>& findings);
+/// "1.5 s", "12 min", "56 years", without the sign.
+[[nodiscard]] std::string duration_words(std::chrono::nanoseconds time);
 /// Whether one of these checks found a problem.
 [[nodiscard]] bool has_problem(const std::vector<Finding>& findings, std::initializer_list<std::string_view> checks);
 

@@ -119,7 +119,9 @@ Finding judge_lens(const PairObservation& seen, const std::vector<Finding>& find
                        ? "it is another camera's, or the configuration is for another resolution"
                        : "the driver applies binning or roi to width, height and K already, and states them once more; "
                          "or the configuration is for another resolution",
-                   "correct camera.size and intrinsics, or camera.info; without camera.info it is not compared");
+                   (info.reduced_from.empty() ? "" : "write camera.info_reduction: ignored if it does; else ") +
+                       std::string("correct camera.size and intrinsics, or camera.info; without camera.info it is not "
+                                   "compared"));
   if (is_unknown_to_camera_info(camera.model()))
     return not_checked("lens", "CameraInfo cannot describe the model " + std::string(to_string(camera.model())));
   const std::string what = "CameraInfo describes " + lens_words(info);
@@ -129,9 +131,14 @@ Finding judge_lens(const PairObservation& seen, const std::vector<Finding>& find
       (is_distorted(info) ? info.model != camera.model() : !straight || camera.model() == CameraModel::equidistant))
     return judge_model(seen, what, differs.has_value());
   if (differs)
-    return problem("lens", "intrinsics_mismatch", differs->seen,
-                   "the intrinsics are another camera's, or of another resolution or calibration",
-                   "write the intrinsics of CameraInfo, if that is the right one");
+    return problem(
+        "lens", "intrinsics_mismatch", differs->seen,
+        info.reduced_from.empty()
+            ? "the intrinsics are another camera's, or of another resolution or calibration"
+            : "the driver states K and P for the image as it is, beside a binning or roi; or the intrinsics are "
+              "another camera's, or of another resolution or calibration",
+        (info.reduced_from.empty() ? "" : "write camera.info_reduction: size_only if it does; else ") +
+            std::string("write the intrinsics of CameraInfo, if that is the right one"));
   if (rectified && is_distorted(info)) return judge_rectified(seen, what);
   return fine("lens", what + ", with the configured intrinsics");
 }

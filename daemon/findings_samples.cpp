@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <iterator>
 #include <numeric>
 #include <utility>
 
@@ -13,15 +14,6 @@ namespace {
 using std::chrono::nanoseconds;
 
 double seconds(nanoseconds time) { return std::chrono::duration<double>(time).count(); }
-
-std::string duration_words(nanoseconds time) {
-  const double s = std::abs(seconds(time));
-  if (s < 120) return fmt::format("{:.1f} s", s);
-  if (s < 2 * 3600) return fmt::format("{:.0f} min", s / 60);
-  if (s < 2 * 86400) return fmt::format("{:.0f} h", s / 3600);
-  if (s < 730.0 * 86400) return fmt::format("{:.0f} days", s / 86400);
-  return fmt::format("{:.0f} years", s / 86400 / 365.25);
-}
 
 std::string counted(std::uint64_t count, std::string_view noun) {
   return fmt::format("{} {}{}", count, noun, count == 1 ? "" : "s");
@@ -88,15 +80,59 @@ Finding not_published(const PairObservation& seen, const TopicObservation& topic
       fmt::format("start the driver, or write the right topic as {}", topic.key));
 }
 
+/// What publishers of other messages than calibd reads can be set to, or what can be read instead.
+struct KnownType {
+  std::string_view type;  // or its beginning
+  std::string_view cause, remedy;
+};
+constexpr std::string_view packets = "it carries the sensor's packets, from which the driver computes its points";
+constexpr std::string_view read_points = "write the driver's topic of points (sensor_msgs/msg/PointCloud2)";
+constexpr std::string_view video = "it is a video stream, whose frames cannot be decoded one by one";
+constexpr std::string_view read_images =
+    "write the camera's own topic or its /compressed one, or have image_transport republish the stream as raw";
+constexpr KnownType known_types[] = {
+    {"livox_ros_driver2/msg/CustomMsg", "the Livox driver publishes its own message",
+     "set xfer_format of the driver to 0 (PointCloud2), or have another node convert it"},
+    {"livox_interfaces/msg/CustomMsg", "the Livox driver publishes its own message",
+     "start the driver with its launch file for PointCloud2 (xfer_format 0)"},
+    {"velodyne_msgs/", packets, read_points},
+    {"ouster_sensor_msgs/", packets, read_points},
+    {"ouster_msgs/", packets, read_points},
+    {"hesai_ros_driver/", packets, read_points},
+    {"rslidar_msg/", packets, read_points},
+    {"nebula_msgs/", packets, read_points},
+    {"point_cloud_interfaces/", "point_cloud_transport has compressed it",
+     "write the topic without the name of the compression at its end, or have point_cloud_transport republish it as "
+     "raw"},
+    {"sensor_msgs/msg/LaserScan", "it is of a LiDAR with one plane, or a plane cut out of a cloud",
+     "write the topic of the whole cloud; the extrinsic of a LiDAR with one plane cannot be watched"},
+    {"sensor_msgs/msg/PointCloud", "it is the message that PointCloud2 has replaced",
+     "have the driver or a converter publish sensor_msgs/msg/PointCloud2"},
+    {"ffmpeg_image_transport_msgs/", video, read_images},
+    {"foxglove_msgs/msg/CompressedVideo", video, read_images},
+    {"theora_image_transport/", video, read_images},
+};
+
+const KnownType* known_type(std::string_view type) {
+  const auto* const found = std::ranges::find_if(known_types, [&](const KnownType& known) {
+    return known.type.ends_with('/') ? type.starts_with(known.type) : type == known.type;
+  });
+  return found == std::end(known_types) ? nullptr : found;
+}
+
 Finding of_other_type(const PairObservation& seen, const TopicObservation& topic, const RemoteWriter& writer) {
   const std::string what =
       fmt::format("{} carries {}, but {} is expected", topic.topic, short_name(writer.type), topic.type);
   const bool compressed = writer.type == "sensor_msgs/msg/CompressedImage";
   std::string remedy = compressed ? "publish it under a name that ends in /compressed, by which calibd recognises it"
                                   : "write a topic of " + topic.type + " as " + topic.key;
+  const KnownType* const known = known_type(writer.type);
+  if (known != nullptr) remedy = known->remedy;
   if (const RemoteWriter* meant = nearest_topic(seen, topic))
     remedy = fmt::format("write {} as {}, it carries {}", short_name(meant->topic), topic.key, topic.type);
-  return problem(topic.check, "wrong_type", what, "it is another topic than the one that was meant", std::move(remedy));
+  return problem(topic.check, "wrong_type", what,
+                 std::string(known ? known->cause : "it is another topic than the one that was meant"),
+                 std::move(remedy));
 }
 
 Finding nothing_usable(const TopicObservation& topic, const PairObservation& seen) {

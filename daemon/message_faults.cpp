@@ -72,7 +72,9 @@ constexpr std::array faults{
     MessageFault{malformed_uncalibrated, "the driver has no calibration file", no_camera_info},
     MessageFault{malformed_distortion, "the driver's lens model is another one than its name says, or unknown",
                  no_camera_info},
-    MessageFault{malformed_roi, "roi and binning are not those of the full image in width and height", no_camera_info},
+    MessageFault{
+        malformed_roi, "roi and binning are not those of the full image in width and height",
+        "write camera.info_reduction: ignored if the driver has applied them already; else leave camera.info out"},
     MessageFault{malformed_angular_velocity, "the sensor does not measure it, or it is not in rad/s",
                  "configure a topic with a turn rate, or leave motion out"},
     MessageFault{image_size_mismatch, "the driver publishes another resolution or a part of the sensor",

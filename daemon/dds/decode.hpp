@@ -8,6 +8,7 @@
 #include "calib/frame.hpp"
 #include "calib/result.hpp"
 #include "dds/image_bound.hpp"
+#include "dds/names.hpp"
 #include "ros2.h"
 
 namespace calib {
@@ -64,8 +65,8 @@ namespace calib {
 // clang-format on
 //
 // All of this is checked before anything is decoded, converted or allocated, but for the values of pixels and points. A
-// decoded image occupies 4 bytes per pixel, 3 more while one of 16 bits is converted, and 8 more while a progressive
-// JPEG is decoded. The slowest image that is accepted, a progressive JPEG of
+// decoded image occupies 4 bytes per pixel, 3 more while one of 16 bits is converted (6 of a PNG), and 8 more while a
+// progressive JPEG is decoded. The slowest image that is accepted, a progressive JPEG of
 // noise in 32 scans, takes 0.1 s at 1242 x 375 and 3 s at 4096 x 3000 (one core of a server), ten times as long as one
 // of a camera.
 
@@ -136,7 +137,8 @@ struct CameraInfo {
   MessageNotes notes = {};
 };
 /// K is zero where only P is given, and P is zero where the driver leaves it out.
-[[nodiscard]] Result<CameraInfo> decode_camera_info(const sensor_msgs_msg_dds__CameraInfo_& message);
+[[nodiscard]] Result<CameraInfo> decode_camera_info(const sensor_msgs_msg_dds__CameraInfo_& message,
+                                                    InfoReduction reduction = InfoReduction::as_specified);
 
 /// The norm of the angular velocity. An Imu that does not measure it has -1 as the first element of its covariance.
 [[nodiscard]] Result<TurnRate> decode_imu(const sensor_msgs_msg_dds__Imu_& message);

@@ -101,7 +101,7 @@ std::string by(std::uint32_t across, std::uint32_t down) {
 }
 
 /// Binning and roi in words, where they change the size of the image.
-std::string reduction(const sensor_msgs_msg_dds__CameraInfo_& message) {
+std::string reduction_words(const sensor_msgs_msg_dds__CameraInfo_& message) {
   std::string words;
   if (message.binning_x > 1 || message.binning_y > 1)
     words += " with binning " + by(std::max(message.binning_x, 1U), std::max(message.binning_y, 1U));
@@ -115,7 +115,7 @@ std::string reduction(const sensor_msgs_msg_dds__CameraInfo_& message) {
 
 }  // namespace
 
-Result<CameraInfo> decode_camera_info(const sensor_msgs_msg_dds__CameraInfo_& message) {
+Result<CameraInfo> decode_camera_info(const sensor_msgs_msg_dds__CameraInfo_& message, InfoReduction reduction) {
   const auto stamp = decode_stamp(message.header);
   if (!stamp) return propagate(stamp);
   const bool has_k = message.k[0] != 0 || message.k[4] != 0, has_p = message.p[0] != 0 || message.p[5] != 0;
@@ -127,9 +127,13 @@ Result<CameraInfo> decode_camera_info(const sensor_msgs_msg_dds__CameraInfo_& me
     return fail(
         ErrorCode::malformed_image_size,
         std::to_string(message.width) + " x " + std::to_string(message.height) + " pixels are outside 1 .. 64 Mpx");
-  const auto across = extent(message.width, message.roi.x_offset, message.roi.width, message.binning_x);
+  const bool whole = reduction == InfoReduction::ignored;
+  const auto& roi = message.roi;
+  const auto across =
+      whole ? extent(message.width, 0, 0, 0) : extent(message.width, roi.x_offset, roi.width, message.binning_x);
   if (!across) return propagate(across);
-  const auto down = extent(message.height, message.roi.y_offset, message.roi.height, message.binning_y);
+  const auto down =
+      whole ? extent(message.height, 0, 0, 0) : extent(message.height, roi.y_offset, roi.height, message.binning_y);
   if (!down) return propagate(down);
   const auto distortion =
       lens(text(message.distortion_model), std::span<const double>(message.d._buffer, message.d._length));
@@ -143,17 +147,19 @@ Result<CameraInfo> decode_camera_info(const sensor_msgs_msg_dds__CameraInfo_& me
                   .D = distortion->distortion,
                   .P = {},
                   .R = {},
-                  .reduced_from = reduction(message),
+                  .reduced_from = whole ? "" : reduction_words(message),
                   .notes = notes_of(message.header)};
   std::ranges::copy(message.r, info.R.begin());
   std::ranges::copy(message.k, info.K.begin());
   std::ranges::copy(message.p, info.P.begin());
-  across->adjust(info.K[0], info.K[2]);
-  down->adjust(info.K[4], info.K[5]);
-  across->adjust(info.P[0], info.P[2]);
-  down->adjust(info.P[5], info.P[6]);
-  info.P[3] /= static_cast<double>(across->binning);  // -fx times the baseline
-  info.P[7] /= static_cast<double>(down->binning);
+  if (reduction == InfoReduction::as_specified) {
+    across->adjust(info.K[0], info.K[2]);
+    down->adjust(info.K[4], info.K[5]);
+    across->adjust(info.P[0], info.P[2]);
+    down->adjust(info.P[5], info.P[6]);
+    info.P[3] /= static_cast<double>(across->binning);  // -fx times the baseline
+    info.P[7] /= static_cast<double>(down->binning);
+  }
   const auto& of = has_k ? info.K : std::array<double, 9>{info.P[0], 0, 0, 0, info.P[5]};
   const auto in_range = [](double f) { return f > 1 && f < 1e5; };
   if (!all_finite(info.K) || !all_finite(info.P))

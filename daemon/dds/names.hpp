@@ -2,6 +2,7 @@
 
 #include <string>
 #include <string_view>
+#include <utility>
 
 #include "calib/result.hpp"
 
@@ -16,6 +17,20 @@ namespace calib {
 
 /// `sensor_msgs::msg::dds_::Image_` gives `sensor_msgs/msg/Image`; a name that is not ROS 2's stays as it is.
 [[nodiscard]] std::string ros_type_name(std::string_view dds_type);
+
+/// What binning and roi of a CameraInfo mean, of which drivers have different opinions.
+enum class InfoReduction {
+  as_specified,  // width, height, K and P are of the full sensor, as ROS says
+  ignored,       // all of them are of the image already
+  size_only      // width and height are of the full sensor, K and P of the image
+};
+/// The name of a topic of CameraInfo, and how its binning and roi are read.
+struct CameraInfoTopic : std::string {
+  CameraInfoTopic() = default;
+  CameraInfoTopic(std::string name) : std::string(std::move(name)) {}
+  CameraInfoTopic(const char* name) : std::string(name) {}
+  InfoReduction reduction = InfoReduction::as_specified;
+};
 
 /// A topic of depth and its message: sensor_msgs/Image (16UC1 or 32FC1) or stereo_msgs/DisparityImage.
 enum class DepthMessage { image, disparity };

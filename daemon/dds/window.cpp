@@ -102,7 +102,9 @@ Result<void> SamplingWindow::add_all(dds_entity_t participant, const PairTopics&
   constexpr auto cloud = [](const auto& message, const Limits& limits) {
     return decode_cloud(message, limits.max_points);
   };
-  constexpr auto info = [](const auto& message, const Limits&) { return decode_camera_info(message); };
+  constexpr auto info = [](const auto& message, const Limits& limits) {
+    return decode_camera_info(message, limits.reduction);
+  };
   constexpr auto depth = [](const auto& message, const Limits& limits) { return decode_depth(message, limits.image); };
   constexpr auto disparity = [](const auto& message, const Limits& limits) {
     return decode_disparity(message, limits.image);
@@ -127,10 +129,12 @@ Result<void> SamplingWindow::add_all(dds_entity_t participant, const PairTopics&
   if (added)
     added = add(participant, cloud_type, topics.cloud,
                 take_next<DecodedCloud, sensor_msgs_msg_dds__PointCloud2_, cloud>, {.max_points = topics.max_points});
+  const Limits of_info{.reduction = topics.camera_info.value_or(CameraInfoTopic()).reduction};
   if (added && topics.camera_info)
-    added = add(participant, camera_info_type, *topics.camera_info, take_next<CameraInfo, Info, info>, {});
+    added = add(participant, camera_info_type, *topics.camera_info, take_next<CameraInfo, Info, info>, of_info);
   if (added && topics.right_camera_info)
-    added = add(participant, camera_info_type, *topics.right_camera_info, take_next<RightCameraInfo, Info, info>, {});
+    added =
+        add(participant, camera_info_type, *topics.right_camera_info, take_next<RightCameraInfo, Info, info>, of_info);
   if (added && topics.depth)
     added = topics.depth->message == DepthMessage::image
                 ? add(participant, image_type, topics.depth->name,

@@ -20,7 +20,8 @@ struct PairTopics {
   std::string image;
   std::optional<std::string> right_image = {};
   std::string cloud;
-  std::optional<std::string> camera_info = {};
+  /// How its binning and roi are read holds for that of the right camera, too.
+  std::optional<CameraInfoTopic> camera_info = {};
   std::optional<std::string> right_camera_info = {};
   std::optional<DepthTopic> depth = {};
   std::optional<MotionTopic> motion = {};
@@ -85,6 +86,7 @@ class SamplingWindow {
   struct Limits {
     ImageBound image = {};
     std::uint64_t max_points = 0;
+    InfoReduction reduction = InfoReduction::as_specified;
   };
   template <typename As, typename Message, auto decode>
   static Result<std::optional<Sample>> take_next(dds_entity_t reader, const std::string& topic, const Limits& limits);

@@ -301,10 +301,11 @@ def test_one_pair_can_be_diagnosed_and_exits_with_zero_if_healthy(car, tmp_path)
     assert all(line[16:18] == ": " for line in lines) and "\x1b" not in done.out
     picture = tmp_path / "pictures" / "healthy.png"
     assert lines[-1] == f"Picture         : {picture}"
-    # The image with its points, and depth below it.
+    # A heading, the image with its points, and depth below it.
     header = picture.read_bytes()[:24]
     assert header[:8] == b"\x89PNG\r\n\x1a\n"
-    assert [int.from_bytes(header[16:20], "big"), int.from_bytes(header[20:24], "big")] == [SIZE[0], 2 * SIZE[1]]
+    width, height = int.from_bytes(header[16:20], "big"), int.from_bytes(header[20:24], "big")
+    assert width == SIZE[0] and 2 * SIZE[1] + 60 < height < 3 * SIZE[1]
 
 
 def test_problems_come_first_with_cause_and_remedy(car):
@@ -314,6 +315,7 @@ def test_problems_come_first_with_cause_and_remedy(car):
     assert lines[1].startswith("Found           : 1 problem, ")
     assert lines[2].startswith("Cloud           : PROBLEM: nobody publishes /lidar/pointz")
     assert lines[3].startswith("  likely cause  : ") and lines[4].startswith("  remedy        : ")
+    assert lines[5] == "  code          : wrong_topic"
 
 
 def test_there_is_one_picture_per_pair_in_the_state_folder(car, answer):

@@ -97,3 +97,28 @@ TEST_CASE("a sample larger than the bus was opened for never arrives") {
   CHECK_FALSE(arrives(1100));
   CHECK(arrives(1000));
 }
+
+TEST_CASE("binning and roi of both cameras' CameraInfo are read as the topic says") {
+  bus();
+  const auto left = require_ok(make_writer(peer().participant(), camera_info_type, "/left/info", reliable));
+  const auto right = require_ok(make_writer(peer().participant(), camera_info_type, "/right/info", reliable));
+  PairTopics told = topics;
+  told.camera_info = "/left/info";
+  told.right_camera_info = "/right/info";
+  CameraInfoMessage binned;
+  binned.binning_x = binned.binning_y = 2;
+  for (const InfoReduction reduction : {InfoReduction::as_specified, InfoReduction::ignored}) {
+    told.camera_info->reduction = reduction;
+    const int width = reduction == InfoReduction::ignored ? 640 : 320;
+    auto window = require_ok(bus().open_window(told));
+    REQUIRE(eventually([&] { return readers_of(left) == 1 && readers_of(right) == 1; }));
+    const auto samples = received(window, 2, [&] {
+      publish(left, binned);
+      publish(right, binned);
+    });
+    REQUIRE(find<CameraInfo>(samples));
+    CHECK(find<CameraInfo>(samples)->width == width);
+    REQUIRE(find<RightCameraInfo>(samples));
+    CHECK(find<RightCameraInfo>(samples)->info.width == width);
+  }
+}

@@ -113,3 +113,25 @@ TEST_CASE("roi and binning of a CameraInfo give the intrinsics of the published 
   CHECK((half.width == 320 && half.height == 240));
   CHECK(half.K[2] == 159.75);
 }
+
+TEST_CASE("binning and roi that a driver has applied already are ignored by the key, of all or of K and P alone") {
+  CameraInfoMessage applied;  // all is of the image, and the binning is stated once more
+  applied.binning_x = applied.binning_y = 2;
+  applied.roi_x = 700, applied.roi_width = 9;  // outside, since the roi was of the full sensor
+  CHECK(word(decode(applied).error().code) == "malformed:roi");
+  const CameraInfo image = require_ok(decode_camera_info(applied.raw(), InfoReduction::ignored));
+  CHECK((image.width == 640 && image.height == 480));
+  CHECK(image.K == applied.k);
+  CHECK(image.P == applied.p);
+  CHECK(image.reduced_from.empty());
+
+  CameraInfoMessage sensor;  // width and height are of the sensor, K and P of the image
+  sensor.width = 2064, sensor.height = 1544;
+  sensor.binning_x = sensor.binning_y = 4;
+  CHECK(require_ok(decode(sensor)).K[0] == 125);
+  const CameraInfo reduced = require_ok(decode_camera_info(sensor.raw(), InfoReduction::size_only));
+  CHECK((reduced.width == 516 && reduced.height == 386));
+  CHECK(reduced.K == sensor.k);
+  CHECK(reduced.P == sensor.p);
+  CHECK(reduced.reduced_from == "2064 x 1544 with binning 4 x 4");
+}

@@ -172,6 +172,9 @@ TEST_CASE("reflectance is the first of its names that there is, else zero") {
   message.fields.push_back({"reflectivity", 0});
   CHECK(require_ok(decode(message)).points[2].reflectance == 3);
   message.fields.resize(3);
+  message.fields.push_back({"echowidth", 12});  // of SICK's LD-MRS
+  CHECK(require_ok(decode(message)).points[2].reflectance == 2);
+  message.fields.resize(3);
   CHECK(require_ok(decode(message)).points[2].reflectance == 0);
 }
 

@@ -30,6 +30,14 @@ TEST_CASE("a zero P falls back to K, and binning is told with the raw values") {
   CHECK(problems(seen) == Names{"lens/camera_info_mismatch"});
   CHECK(holds(finding(seen, "lens").seen, "320 x 96 pixels (640 x 192 with binning 2 x 2), camera.size is 640 x 192"));
   CHECK(holds(finding(seen, "lens").cause, "applies binning or roi"));
+  CHECK(holds(finding(seen, "lens").remedy, "write camera.info_reduction: ignored"));
+  seen = healthy();
+  seen.camera_info->reduced_from = "1280 x 384 with binning 2 x 2";
+  for (const int i : {0, 2, 4, 5}) seen.camera_info->K[i] /= 2;
+  for (const int i : {0, 2, 5, 6}) seen.camera_info->P[i] /= 2;
+  CHECK(problems(seen) == Names{"lens/intrinsics_mismatch"});
+  CHECK(holds(finding(seen, "lens").cause, "beside a binning or roi"));
+  CHECK(holds(finding(seen, "lens").remedy, "write camera.info_reduction: size_only"));
 }
 
 TEST_CASE("what was wrong in messages that were used is a warning with its value and remedy") {
@@ -95,4 +103,22 @@ TEST_CASE("a missing reflectance is said, and an empty sample judges nothing") {
   CHECK(finding(seen, "cloud_range").result == FindingResult::ok);
   seen.cloud = CloudStatistics{60000, 100, 0, 0, 0};
   CHECK(finding(seen, "cloud_range").result == FindingResult::not_checked);
+}
+
+TEST_CASE("publishers of messages that drivers have of their own are told what can be set") {
+  PairObservation seen = healthy();
+  const std::string cloud = find(seen, "cloud").topic;
+  silence(seen, "cloud");
+  seen.writers.push_back({cloud, "livox_ros_driver2/msg/CustomMsg", true, ""});
+  CHECK(problems(seen) == Names{"cloud/wrong_type"});
+  CHECK(holds(finding(seen, "cloud").remedy, "set xfer_format of the driver to 0 (PointCloud2)"));
+  seen.writers.back().type = "velodyne_msgs/msg/VelodyneScan";
+  CHECK(holds(finding(seen, "cloud").cause, "the sensor's packets"));
+  seen.writers.back().type = "point_cloud_interfaces/msg/CompressedPointCloud2";
+  CHECK(holds(finding(seen, "cloud").remedy, "republish it as raw"));
+  // A topic of the right type is nearer at hand than a change of the driver.
+  seen.writers.push_back({"/points_raw", cloud_type_name, true, ""});
+  CHECK(holds(finding(seen, "cloud").remedy, "/points_raw as lidar.cloud"));
+  seen.writers = {{cloud, "my_msgs/msg/Blob", true, ""}};
+  CHECK(finding(seen, "cloud").cause == "it is another topic than the one that was meant");
 }

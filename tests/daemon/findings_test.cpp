@@ -47,6 +47,8 @@ TEST_CASE("wrong type, incompatible QoS, silence and malformed messages are dist
   CHECK(holds(finding(seen, "image").seen, cloud_type_name));
   seen.writers.back() = {"/left/image", "sensor_msgs/msg/CompressedImage", true, ""};
   CHECK(holds(finding(seen, "image").remedy, "/compressed"));
+  seen.writers.back().type = "foxglove_msgs/msg/CompressedVideo";
+  CHECK(holds(finding(seen, "image").cause, "a video stream"));
   seen.writers.back() = {"/left/image", image_type_name, true, "it publishes in the DDS partition 'night' only"};
   CHECK(problems(seen) == Names{"image/qos_mismatch"});
   seen.writers.back().obstacle.clear();

@@ -78,6 +78,43 @@ TEST_CASE("depth stands below the image in the same colours, black where there i
   CHECK(picture.at<cv::Vec3b>(48 + 4, 30) == cv::Vec3b(0, 0, 0));
 }
 
+TEST_CASE("a caption adds a heading with a legend above the image, and a line above the depth") {
+  const test::TemporaryFolder folder;
+  const int width = 480, height = 160;
+  const Camera camera = require_ok(Camera::make(CameraModel::rectified, width, height, {400, 400, 240, 80}));
+  const FramePair pair{{{}, width, height, std::vector<std::uint8_t>(width * height, 100)}, {}, {{}, {{-1, 0, 4, 0}}}};
+  const DepthMap depth{width, height, std::vector<float>(width * height, 0.1F)};
+  const auto picture_of = [&](const OverlayCaption* caption) {
+    const auto file = folder.path() / "overlay.png";
+    require_ok(write_overlay(file, pair, camera, RigidTransform::Identity(), &depth, caption));
+    return cv::imread(file.string());
+  };
+  const cv::Mat plain = picture_of(nullptr);
+  const OverlayCaption caption{"front: calibrated", {"image /left/image", std::string(500, 'x') + "\xC3\xA4"}};
+  const cv::Mat titled = picture_of(&caption);
+  REQUIRE(titled.cols == width);
+  const int added = titled.rows - plain.rows;
+  CHECK((added > 60 && added < 160));
+  // What was there is there, in two parts: the image, and the depth at the end.
+  CHECK(cv::norm(titled.rowRange(titled.rows - height, titled.rows), plain.rowRange(height, 2 * height)) == 0);
+  int at = 0;
+  while (at < added && cv::norm(titled.rowRange(at, at + height), plain.rowRange(0, height)) != 0) ++at;
+  REQUIRE(at < added);
+  CHECK(added - at > 8);
+  // The legend goes from near to far, left to right, and the letters are cut at the edge.
+  int warmest = -1, coldest = -1;
+  for (int v = 0; v < at; ++v)
+    for (int u = 0; u < width; ++u) {
+      if (warm(titled.at<cv::Vec3b>(v, u)) && warmest < 0) warmest = u;
+      if (cold(titled.at<cv::Vec3b>(v, u))) coldest = u;
+    }
+  CHECK((warmest > 0 && warmest < width / 2));
+  CHECK(coldest > width * 3 / 4);
+  cv::Mat last;
+  cv::inRange(titled(cv::Rect(width - 3, 0, 3, at)), cv::Scalar::all(24), cv::Scalar::all(24), last);
+  CHECK(cv::countNonZero(last) == 3 * at);
+}
+
 TEST_CASE("the extension chooses PNG or JPEG, in either case") {
   const test::TemporaryFolder folder;
   const Shot shot;

@@ -97,21 +97,38 @@ void add_axes(const Experiment& experiment, Doubts& doubts) {
 }  // namespace
 
 PairingContrast pairing_contrast(const RecordingFrames& recording_frames) {
-  const auto& frames = recording_frames.frames;
-  PairingContrast contrast;
-  std::vector<double> differences;
-  for (std::size_t i = 0; i < frames.size(); ++i) {
-    const auto with = [&](std::size_t cloud) {
-      return depth_agreement(frames[i].depth, recording_frames.camera, recording_frames.T_camera_lidar,
-                             frames[cloud].pair.scan);
-    };
-    const auto own = with(i), other = with((i + frames.size() / 2) % frames.size());
-    if (!own || !other) continue;
-    ++contrast.frames;
-    contrast.own_better += own->rank_correlation > other->rank_correlation;
-    differences.push_back(std::abs(own->rank_correlation - other->rank_correlation));
+  constexpr std::size_t most = 16;
+  const std::size_t all = recording_frames.frames.size(), count = std::min(all, most), first = (all - count) / 2;
+  const auto n = static_cast<Eigen::Index>(count);
+  PairingContrast contrast{.frames = count};
+  Eigen::MatrixXd agreement(n, n);
+  for (std::size_t depth = 0; depth < count; ++depth)
+    for (std::size_t cloud = 0; cloud < count; ++cloud) {
+      const auto of =
+          depth_agreement(recording_frames.frames[first + depth].depth, recording_frames.camera,
+                          recording_frames.T_camera_lidar, recording_frames.frames[first + cloud].pair.scan);
+      if (!of) return {};
+      agreement(static_cast<Eigen::Index>(depth), static_cast<Eigen::Index>(cloud)) = of->rank_correlation;
+    }
+  if (count < 2) return contrast;
+  const Eigen::VectorXd of_depths = agreement.rowwise().mean();
+  const Eigen::RowVectorXd of_clouds = agreement.colwise().mean();
+  const double mean = agreement.mean();
+  agreement.colwise() -= of_depths;
+  agreement.rowwise() -= of_clouds;
+  agreement.array() += mean;
+  const double standard_error = std::sqrt(agreement.array().square().mean() / static_cast<double>(count));
+  if (!(standard_error > 1e-9)) return contrast;
+  for (Eigen::Index shift = 0; shift < n; ++shift) {
+    double sum = 0;
+    for (Eigen::Index depth = 0; depth < n; ++depth) sum += agreement(depth, (depth + shift) % n);
+    const double deviations = sum / static_cast<double>(count) / standard_error;
+    if (shift == 0) contrast.own = deviations;
+    if (shift == 0 || deviations > contrast.best) {
+      contrast.best = deviations;
+      contrast.best_shift = static_cast<std::size_t>(shift);
+    }
   }
-  if (!differences.empty()) contrast.difference = median(std::move(differences));
   return contrast;
 }
 
@@ -128,12 +145,15 @@ Doubts doubts_of(const RecordingFrames& recording_frames) {
   add_layout(recording_frames, doubts);
   add_extrinsic(recording_frames, doubts);
   const bool agrees = recording_frames.agreement && recording_frames.agreement->grows_with_range();
-  if (const PairingContrast contrast = pairing_contrast(recording_frames); agrees && contrast.suspect())
+  if (const PairingContrast contrast = pairing_contrast(recording_frames); agrees && contrast.suspect()) {
+    const bool later = 2 * contrast.best_shift <= contrast.frames;
     doubts.push_back(
         {doubt::pairing_suspect,
-         fmt::format("the depth of {} of {} frames agrees no better with their own cloud than with that of "
-                     "another frame: images and clouds may not belong together",
-                     contrast.frames - contrast.own_better, contrast.frames)});
+         fmt::format("the depth of frames agrees better with the clouds of {} frames {} than with their own: "
+                     "images and clouds may not belong together",
+                     later ? contrast.best_shift : contrast.frames - contrast.best_shift,
+                     later ? "later" : "earlier")});
+  }
   return doubts;
 }
 

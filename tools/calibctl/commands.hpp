@@ -66,6 +66,13 @@ struct DoctorOptions {
 /// Lets calibd run its diagnostics.
 Exit doctor(const Paths& paths, const DoctorOptions& options);
 
+struct ExplainOptions {
+  std::string code;   // all are listed when empty
+  bool page = false;  // the manual page of all codes, for scdoc
+};
+/// Says what a code means, with an example and a remedy. Needs no daemon.
+Exit explain(const ExplainOptions& options);
+
 Exit check_config(const std::filesystem::path& file);
 Exit keygen(const std::filesystem::path& file);
 

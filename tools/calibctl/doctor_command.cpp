@@ -17,7 +17,7 @@ using nlohmann::json;
 constexpr std::chrono::minutes diagnosis_timeout{10};
 
 struct Check {
-  std::string pair, check, result, seen, cause, remedy;
+  std::string pair, check, result, seen, cause, remedy, code;
 };
 
 struct Overlay {
@@ -39,7 +39,7 @@ Result<Diagnosis> parse_diagnosis(const json& reply) {
       const auto words = [&](const char* key) { return check.value(key, std::string()); };
       diagnosis.checks.push_back({check.at("pair").get<std::string>(), check.at("check").get<std::string>(),
                                   check.at("result").get<std::string>(), check.at("seen").get<std::string>(),
-                                  words("cause"), words("remedy")});
+                                  words("cause"), words("remedy"), words("code")});
     }
     for (const json& overlay : reply.at("overlays"))
       diagnosis.overlays.push_back({overlay.at("pair").get<std::string>(), overlay.at("file").get<std::string>()});
@@ -74,6 +74,7 @@ void check_lines(Text& text, const Check& check) {
   text.line(label_of(check.check), result + ": " + check.seen);
   if (!check.cause.empty()) text.line("  likely cause", check.cause);
   if (!check.remedy.empty()) text.line("  remedy", check.remedy);
+  if (!check.code.empty()) text.line("  code", check.code);
 }
 
 void pair_lines(Text& text, const Diagnosis& diagnosis, const std::string& pair) {

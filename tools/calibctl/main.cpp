@@ -52,6 +52,7 @@ struct CommandLine {
   StatusOptions status;
   ShowOptions show;
   DoctorOptions doctor;
+  ExplainOptions explain;
   std::string pair;
   bool dry_run = false;
   std::optional<std::uint64_t> roll_back_to;
@@ -89,6 +90,10 @@ CommandLine::CommandLine() {
   add_requests();
   add_doctor();
 
+  auto* const meaning =
+      subcommand("explain", "Say what a code means, and what to do", [this] { return ctl::explain(explain); });
+  meaning->add_option("CODE", explain.code, "All are listed if not given");
+  meaning->add_flag("--page", explain.page, "Print calibd-codes(7), for scdoc");
   auto* const check = subcommand("check-config", "Check a configuration and print the first error",
                                  [this] { return check_config(config_file); });
   check->add_option("FILE", config_file)->required();

@@ -61,8 +61,8 @@ class MeasurableCount {
 };
 
 /// Names of the field that holds reflectance, in messages and files; the first of these that a cloud has is read.
-inline constexpr std::array<std::string_view, 5> reflectance_names{"intensity", "reflectance", "reflectivity", "i",
-                                                                   "intensities"};
+inline constexpr std::array<std::string_view, 6> reflectance_names{"intensity", "reflectance", "reflectivity",
+                                                                   "i",         "intensities", "echowidth"};
 
 /// A step through `count` values by which about `wanted` of them are visited: a prime number that divides none of
 /// `periods`, or 1. A step that shares a factor with the rings or columns of a LiDAR visits some of them only.
