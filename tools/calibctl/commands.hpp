@@ -74,6 +74,8 @@ struct ExplainOptions {
 Exit explain(const ExplainOptions& options);
 
 Exit check_config(const std::filesystem::path& file);
+/// Runs calib-check-model with these arguments, in place of this process; returns only when it cannot.
+Exit check_model(const std::vector<std::string>& arguments);
 Exit keygen(const std::filesystem::path& file);
 
 }  // namespace calib::ctl

@@ -97,6 +97,11 @@ CommandLine::CommandLine() {
   auto* const check = subcommand("check-config", "Check a configuration and print the first error",
                                  [this] { return check_config(config_file); });
   check->add_option("FILE", config_file)->required();
+  // Its arguments, --help among them, are calib-check-model's.
+  auto* const network =
+      app.add_subcommand("check-model", "Check a depth network against its descriptor and on a frame");
+  network->prefix_command()->set_help_flag();
+  network->callback([this, network] { command = [network] { return check_model(network->remaining()); }; });
   auto* const make_key =
       subcommand("keygen", "Make a signing key and its public key", [this] { return keygen(key_file); });
   make_key->add_option("--out", key_file, "Secret key; the public key gets the extension .pub")->required();

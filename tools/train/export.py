@@ -11,10 +11,11 @@ import torch
 from onnx import TensorProto, helper, numpy_helper
 
 import data
-from network import DepthNetwork, InverseDepth
+from network import DepthNetwork, InverseDepth, convolutions, without_batch_norm
 
+TITLE = "A small depth network for streets, trained on simulated pictures alone (tools/train)."
 DESCRIPTOR = """\
-# A small depth network for streets, trained on simulated pictures alone (tools/train).
+# {title}
 file: {name}.onnx
 sha256: {sha256}
 input:
@@ -51,9 +52,8 @@ def halve_weights(model):
         model.graph.node.insert(0, node)
 
 
-def export(checkpoint, golden_image, folder, name):
-    network = DepthNetwork().eval()
-    network.load_state_dict(torch.load(checkpoint)["smooth"])
+def export(network, golden_image, folder, name, title=TITLE):
+    """Writes NAME.onnx, NAME.yaml and the golden pair into `folder`."""
     model = InverseDepth(network).eval()
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{name}.onnx"
@@ -75,7 +75,28 @@ def export(checkpoint, golden_image, folder, name):
         output = model(torch.from_numpy(small[None, None].astype(np.float32) / 255))
     (folder / f"{name}-golden.f32").write_bytes(output.numpy().astype("<f4").tobytes())
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    (folder / f"{name}.yaml").write_text(DESCRIPTOR.format(name=name, sha256=sha256, sky=data.SKY))
+    (folder / f"{name}.yaml").write_text(DESCRIPTOR.format(title=title, name=name, sha256=sha256, sky=data.SKY))
+
+
+def load_onnx(path):
+    """The network of a file that `export` wrote, without batch normalisation."""
+    graph = onnx.load(path).graph
+    held = {tensor.name: numpy_helper.to_array(tensor).astype(np.float32) for tensor in graph.initializer}
+    held |= {node.output[0]: held[node.input[0]] for node in graph.node if node.op_type == "Cast" and node.input[0] in held}
+    weights = [[held[name] for name in node.input[1:]] for node in graph.node if node.op_type == "Conv"]
+    try:
+        # The first convolution of each of the five parts of the encoder tells its width.
+        network = without_batch_norm(DepthNetwork(tuple(len(weights[i][1]) for i in (0, 2, 5, 10, 15))))
+        layers = convolutions(network)
+        if len(layers) != len(weights):
+            raise ValueError(f"{len(weights)} convolutions instead of {len(layers)}")
+        for layer, (weight, bias) in zip(layers, weights):
+            if layer.weight.shape != weight.shape:
+                raise ValueError(f"a convolution of {weight.shape} instead of {tuple(layer.weight.shape)}")
+            layer.weight.data, layer.bias.data = torch.from_numpy(weight.copy()), torch.from_numpy(bias.copy())
+    except (IndexError, ValueError) as error:
+        raise ValueError(f"{path} is not a network of tools/train: {error}") from error
+    return network.eval()
 
 
 def main():
@@ -85,7 +106,9 @@ def main():
     parser.add_argument("--folder", type=pathlib.Path, default=pathlib.Path(__file__).parents[2] / "libcalib/models")
     parser.add_argument("--name", default="street-small")
     options = parser.parse_args()
-    export(options.checkpoint, options.golden_image, options.folder, options.name)
+    network = DepthNetwork().eval()
+    network.load_state_dict(torch.load(options.checkpoint)["smooth"])
+    export(network, options.golden_image, options.folder, options.name)
 
 
 if __name__ == "__main__":

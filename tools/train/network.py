@@ -65,3 +65,23 @@ class InverseDepth(nn.Module):
 
     def forward(self, x):
         return torch.exp(self.network(x))
+
+
+def without_batch_norm(network):
+    """The network with convolutions that have a bias instead of batch normalisation, as ONNX holds it; the same function
+    as `network` in evaluation mode. For fine-tuning, whose small batches tell nothing of mean and variance."""
+    for module in list(network.modules()):
+        if not isinstance(module, nn.Sequential) or len(module) < 2 or not isinstance(module[1], nn.BatchNorm2d):
+            continue
+        old, norm = module[0], module[1]
+        factor = norm.weight.detach() / torch.sqrt(norm.running_var + norm.eps)
+        module[0] = nn.Conv2d(old.in_channels, old.out_channels, 3, old.stride, 1)
+        module[0].weight.data = old.weight.detach() * factor[:, None, None, None]
+        module[0].bias.data = norm.bias.detach() - norm.running_mean * factor
+        module[1] = nn.Identity()
+    return network
+
+
+def convolutions(network):
+    """In the order in which `forward` runs them, as ONNX lists them."""
+    return [module for module in network.modules() if isinstance(module, nn.Conv2d)]
