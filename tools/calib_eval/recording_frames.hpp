@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
@@ -7,17 +8,22 @@
 #include <vector>
 
 #include "calib/features.hpp"
+#include "dataset/bag/bag_topics.hpp"
 #include "dataset/recording.hpp"
 
 namespace calib::eval {
 
+/// Layouts of recordings.
+inline constexpr std::array datasets{"kitti-raw", "kitti-360", "kitti-object", "nuscenes", "rosbag2", "list"};
+
 /// Which frames of which recording, and where their depth comes from.
 struct RecordingOptions {
-  std::string dataset;  // kitti-raw, kitti-360, list or sim: streets that are simulated
+  std::string dataset;  // one of `datasets`, or sim: streets that are simulated
   std::filesystem::path root;
   std::string cloud_layout;   // of clouds in .bin; empty: what the recording says, or float32x4
   std::string drive, camera;  // empty: the layout's usual camera
-  std::string depth;          // stereo, onnx:DESCRIPTOR or, of simulated streets, true; empty: from files
+  BagOptions bag;             // of rosbag2
+  std::string depth;          // stereo, onnx:DESCRIPTOR, topic or, of simulated streets, true; empty: from files
   std::filesystem::path depth_dir;
   std::string depth_kind;
   std::optional<double> depth_scale;
@@ -28,6 +34,12 @@ struct RecordingOptions {
   int places = 8;        // sim: streets, of seeds from `seed` on
   double period_s = 10;  // sim: of driving, between two frames
 };
+
+/// An option that the layout of the recording has no use for.
+struct OptionFault {
+  std::string option, why;
+};
+[[nodiscard]] std::optional<OptionFault> option_fault(const RecordingOptions& options);
 
 /// How the depth of a recording agrees with its clouds, at its own extrinsic.
 struct RecordingAgreement {
@@ -65,7 +77,8 @@ struct RecordingFrames {
   /// Reads `options.frames` frames spread evenly over the recording (all, where it has no more), and makes or reads
   /// their depth; or drives through simulated streets for them. Fails as opening the recording and reading its frames
   /// do; as `make_onnx_depth` and the network's self-test do; with `extrinsic_implausible`, `stereo_missing`,
-  /// `depth_missing` and `too_few_frames`. Frames without usable depth or overlap are left out.
+  /// `depth_missing` and `too_few_frames`. Frames without usable depth or overlap are left out, and so are messages
+  /// that calibd would not accept.
   [[nodiscard]] static Result<RecordingFrames> read(const RecordingOptions& options);
 
   /// Features of all frames at the recording's extrinsic. Fails as `make_features` does.
