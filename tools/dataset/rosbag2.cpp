@@ -29,14 +29,18 @@ auto first_of(const Bag& bag, const BagTopic& topic, const Decode& decode) -> de
     if (decoded) return decoded;
     if (!error) error = decoded.error();
   }
+  if (!error) return fail(ErrorCode::bad_topic, topic.name + " has no message that is read");
   return fail(error->code, "no message of " + topic.name + " can be used: " + error->context);
 }
 
 Eigen::Matrix3d rotation_of(const CameraInfo& info) {
   return Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(info.R.data());
 }
-/// R is zero where a driver does not give it.
-bool turns(const CameraInfo& info) { return !rotation_of(info).isZero() && !rotation_of(info).isIdentity(1e-12); }
+/// Whether images are turned when they are rectified. R is zero where a driver does not give it.
+bool turns(const CameraInfo& info) {
+  const Eigen::Matrix3d R = rotation_of(info);
+  return !R.isIdentity(1e-12) && (R * R.transpose() - Eigen::Matrix3d::Identity()).norm() < 1e-3 && R.determinant() > 0;
+}
 
 /// The camera that an image of CameraInfo is of: P's where it is rectified, or K's where P is zero; else K's and D's.
 Result<Camera> camera_of(const CameraInfo& info, bool is_rectified) {
@@ -129,8 +133,7 @@ class Opening {
 
   /// Only the first and the last one are compared: a camera that is calibrated anew, or two that share a topic.
   void remark_on_changes(const BagTopic& topic) {
-    const auto messages = bag_->messages(topic);
-    const auto last = bag_->read(messages.back()).and_then(info_in);
+    const auto last = bag_->read(bag_->messages(topic).back()).and_then(info_in);
     if (last && (last->K != info_->K || last->D != info_->D || last->P != info_->P || last->width != info_->width))
       remarks_.push_back(topic.name + " changes during the recording: its first message is used");
   }
@@ -175,7 +178,7 @@ class Opening {
     // A rectified image is turned from the camera's frame, which its header names all the same.
     remarks_.push_back("images are rectified by a rotation R of " + topics_.info->name +
                        ", which is taken to follow the transform of their frame");
-    return RigidTransform(rotation_of(*info_)) * *T_camera_lidar;
+    return RigidTransform(Eigen::Quaterniond(rotation_of(*info_)).normalized()) * *T_camera_lidar;
   }
 
   [[nodiscard]] Result<RightCamera> find_right_camera(const Camera& left, const std::string& left_frame) {

@@ -92,8 +92,9 @@ Files files_of(const fs::path& folder) {
 
 }  // namespace
 
-Result<Bag> Bag::open(const fs::path& path) {
+Result<Bag> Bag::open(const fs::path& given) {
   std::error_code error;
+  const fs::path path = given.filename() == "metadata.yaml" ? fs::absolute(given, error).parent_path() : given;
   if (!fs::exists(path, error))
     return fail(ErrorCode::recording_not_found, path.string() +
                                                     " does not exist; --root is a folder of rosbag2, or a "

@@ -21,8 +21,9 @@ class Bag {
   using Messages = std::vector<Message>;
 
   /// `path` is a file (.mcap, .db3, or either compressed with zstd), or a folder: its metadata.yaml names the files and
-  /// their order; without one all such files belong to it, by the numbers in their names. A file that cannot be read
-  /// is a remark, where another one can. Fails with `recording_not_found` or `file_unreadable`.
+  /// their order; without one all such files belong to it, by the numbers in their names. metadata.yaml stands for its
+  /// folder. A file that cannot be read is a remark, where another one can. Fails with `recording_not_found` or
+  /// `file_unreadable`.
   [[nodiscard]] static Result<Bag> open(const std::filesystem::path& path);
 
   /// Of all files.

@@ -15,15 +15,16 @@ bool BagTopic::is_listed() const {
                                type == disparity || type == transforms);
 }
 
-std::optional<std::uint32_t> BagStorage::add_topic(BagTopic topic) {
-  const auto known = std::ranges::find_if(topics_, [&](const BagTopic& other) {
+std::optional<std::uint32_t> BagList::add(BagTopic topic) {
+  const auto known = std::ranges::find_if(topics, [&](const BagTopic& other) {
     return other.name == topic.name && other.type == topic.type && other.encoding == topic.encoding;
   });
-  const auto number = static_cast<std::uint32_t>(known - topics_.begin());
-  if (known != topics_.end()) return number;
-  if (topics_.size() >= most_topics || topic.name.size() > longest_name || topic.type.size() > longest_name)
+  const auto number = static_cast<std::uint32_t>(known - topics.begin());
+  if (known != topics.end()) return number;
+  if (topics.size() >= BagStorage::most_topics || topic.name.size() > BagStorage::longest_name ||
+      topic.type.size() > BagStorage::longest_name)
     return std::nullopt;
-  topics_.push_back(std::move(topic));
+  topics.push_back(std::move(topic));
   return number;
 }
 

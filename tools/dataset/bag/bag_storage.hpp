@@ -41,16 +41,26 @@ struct BagMessage {
   static constexpr Timestamp no_stamp = Timestamp::min();
 };
 
+/// What a file of a recording holds.
+struct BagList {
+  std::vector<BagTopic> topics;
+  /// Of the types above, in the order of the file.
+  std::vector<BagMessage> messages;
+  /// What is wrong with the file, a sentence each.
+  std::vector<std::string> remarks;
+
+  /// The number of the topic, which is added where it is new; nothing when there is no room for it.
+  std::optional<std::uint32_t> add(BagTopic topic);
+};
+
 /// One file of a recording. All is listed when it is opened; messages are read when they are asked for.
 class BagStorage {
  public:
   virtual ~BagStorage() = default;
-  [[nodiscard]] const std::vector<BagTopic>& topics() const { return topics_; }
-  /// Of the types above, in the order of the file.
-  [[nodiscard]] const std::vector<BagMessage>& messages() const { return messages_; }
-  /// What is wrong with the file, a sentence each.
-  [[nodiscard]] const std::vector<std::string>& remarks() const { return remarks_; }
-  void add_remark(std::string sentence) { remarks_.push_back(std::move(sentence)); }
+  [[nodiscard]] const std::vector<BagTopic>& topics() const { return list_.topics; }
+  [[nodiscard]] const std::vector<BagMessage>& messages() const { return list_.messages; }
+  [[nodiscard]] const std::vector<std::string>& remarks() const { return list_.remarks; }
+  void add_remark(std::string sentence) { list_.remarks.push_back(std::move(sentence)); }
   /// The message as its sender serialised it: four bytes that tell the encoding, then CDR. From any thread.
   /// Fails with `file_unreadable`.
   [[nodiscard]] virtual Result<Octets> read(const BagMessage& message) const = 0;
@@ -62,12 +72,10 @@ class BagStorage {
   static constexpr std::size_t most_topics = 10'000, longest_name = 512;
 
  protected:
-  /// The number of the topic, which is added where it is new; nothing when there is no room for it.
-  std::optional<std::uint32_t> add_topic(BagTopic topic);
+  [[nodiscard]] BagList& list() { return list_; }
 
-  std::vector<BagTopic> topics_;
-  std::vector<BagMessage> messages_;
-  std::vector<std::string> remarks_;
+ private:
+  BagList list_;
 };
 
 /// As many bytes of a message as a stamp needs.

@@ -76,19 +76,20 @@ class McapFile : public BagStorage {
   McapFile(std::unique_ptr<ByteSource> file, std::string name) : file_(std::move(file)), name_(std::move(name)) {}
 
   /// Lists the records of the data section.
-  void list() {
+  void list_all() {
     constexpr std::uint64_t magic_bytes = 8;
     if (!list_records(*file_, magic_bytes, no_chunk))
-      remarks_.push_back(name_ + " ends early or is damaged: what comes before that is read, which are " +
-                         std::to_string(messages_.size()) + " messages");
+      list().remarks.push_back(name_ + " ends early or is damaged: what comes before that is read, which are " +
+                               std::to_string(list().messages.size()) + " messages");
     if (damaged_chunks_ > 0)
-      remarks_.push_back(std::to_string(damaged_chunks_) + " of " + std::to_string(chunks_.size()) + " chunks of " +
-                         name_ + " are damaged: what can be read of them is");
+      list().remarks.push_back(std::to_string(damaged_chunks_) + " of " + std::to_string(chunks_.size()) +
+                               " chunks of " + name_ + " are damaged: what can be read of them is");
     if (!unknown_compression_.empty())
-      remarks_.push_back("chunks of " + name_ + " are compressed with '" + unknown_compression_ +
-                         "', where lz4 and zstd are known: they are left out");
-    if (messages_.size() >= most_messages)
-      remarks_.push_back("only the first " + std::to_string(most_messages) + " messages of " + name_ + " are read");
+      list().remarks.push_back("chunks of " + name_ + " are compressed with '" + unknown_compression_ +
+                               "', where lz4 and zstd are known: they are left out");
+    if (list().messages.size() >= most_messages)
+      list().remarks.push_back("only the first " + std::to_string(most_messages) + " messages of " + name_ +
+                               " are read");
   }
 
   [[nodiscard]] Result<Octets> read(const BagMessage& message) const override {
@@ -124,7 +125,7 @@ class McapFile : public BagStorage {
       if (!whole && opcode != Opcode::chunk) return false;
       if (!whole) record.size = source.size() - record.at;
       list_record(source, record, chunk);
-      if (!whole || messages_.size() >= most_messages) return whole;
+      if (!whole || list().messages.size() >= most_messages) return whole;
       offset = record.at + record.size;
     }
     return chunk != no_chunk;  // the data section has a record that ends it
@@ -163,7 +164,7 @@ class McapFile : public BagStorage {
     const auto type = schemas_.find(schema);
     if (type != schemas_.end()) topic.type = type->second;
     if (!fields.good() || channels_.contains(id)) return;
-    if (const auto number = add_topic(std::move(topic))) channels_.emplace(id, *number);
+    if (const auto number = list().add(std::move(topic))) channels_.emplace(id, *number);
   }
 
   void add_message(const ByteSource& source, const Record& record, std::uint32_t chunk) {
@@ -172,7 +173,7 @@ class McapFile : public BagStorage {
     if (content.size() < fields_bytes) return;
     const auto channel = channels_.find(Fields(content).take<std::uint16_t>());
     if (channel == channels_.end()) return;
-    BagTopic& topic = topics_[channel->second];
+    BagTopic& topic = list().topics[channel->second];
     ++topic.messages;
     if (!topic.is_listed()) return;
     BagMessage message{channel->second, chunk, record.at + fields_bytes, record.size - fields_bytes,
@@ -180,7 +181,7 @@ class McapFile : public BagStorage {
     std::span<const std::uint8_t> head(content.begin() + fields_bytes, content.end());
     if (topic.type != bag_type::transforms) message.stamp = stamp_in(head);
     if (is_zstd(head)) message.stamp = compressed_stamp(source, message);
-    messages_.push_back(message);
+    list().messages.push_back(message);
   }
 
   /// Of a message that is compressed by itself.
@@ -270,7 +271,7 @@ class McapFile : public BagStorage {
 
 Result<std::unique_ptr<BagStorage>> open_mcap(std::unique_ptr<ByteSource> file, const std::string& name) {
   auto mcap = std::make_unique<McapFile>(std::move(file), name);
-  mcap->list();
+  mcap->list_all();
   return mcap;
 }
 

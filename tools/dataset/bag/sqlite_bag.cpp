@@ -99,9 +99,9 @@ class SqliteBag : public BagStorage {
     const Statement rows = prepare("SELECT id, name, type, serialization_format FROM topics");
     if (!rows) return unreadable();
     int code = SQLITE_ROW;
-    while ((code = sqlite3_step(rows.get())) == SQLITE_ROW && topics_.size() < most_topics) {
+    while ((code = sqlite3_step(rows.get())) == SQLITE_ROW && list().topics.size() < most_topics) {
       BagTopic topic{text(rows.get(), 1), text(rows.get(), 2), text(rows.get(), 3)};
-      const auto number = add_topic(std::move(topic));
+      const auto number = list().add(std::move(topic));
       if (number) numbers_.try_emplace(sqlite3_column_int64(rows.get(), 0), *number);
     }
     if (code == SQLITE_ROW || code == SQLITE_DONE) return {};
@@ -112,22 +112,23 @@ class SqliteBag : public BagStorage {
     // In the order of the file, so that no page is read twice; rosbag2 numbers messages as they come.
     const Statement rows = prepare("SELECT rowid, topic_id FROM messages NOT INDEXED");
     int code = rows ? sqlite3_step(rows.get()) : SQLITE_ERROR;
-    for (; code == SQLITE_ROW && messages_.size() < most_messages; code = sqlite3_step(rows.get())) {
+    for (; code == SQLITE_ROW && list().messages.size() < most_messages; code = sqlite3_step(rows.get())) {
       const auto topic = numbers_.find(sqlite3_column_int64(rows.get(), 1));
       if (topic == numbers_.end()) continue;
-      ++topics_[topic->second].messages;
-      if (!topics_[topic->second].is_listed()) continue;
+      ++list().topics[topic->second].messages;
+      if (!list().topics[topic->second].is_listed()) continue;
       const sqlite3_int64 id = sqlite3_column_int64(rows.get(), 0);
       BagMessage message{topic->second, 0, static_cast<std::uint64_t>(id), 0, BagMessage::no_stamp};
-      if (topics_[topic->second].type != bag_type::transforms) message.stamp = stamp_of(id);
-      messages_.push_back(message);
+      if (list().topics[topic->second].type != bag_type::transforms) message.stamp = stamp_of(id);
+      list().messages.push_back(message);
     }
     if (code == SQLITE_ROW)
-      remarks_.push_back("only the first " + std::to_string(most_messages) + " messages of " + name_ + " are read");
+      list().remarks.push_back("only the first " + std::to_string(most_messages) + " messages of " + name_ +
+                               " are read");
     else if (code != SQLITE_DONE)
-      remarks_.push_back(name_ + " ends early or is damaged (" + sqlite3_errmsg(database_.get()) +
-                         "): what comes before that is read, which are " + std::to_string(messages_.size()) +
-                         " messages");
+      list().remarks.push_back(name_ + " ends early or is damaged (" + sqlite3_errmsg(database_.get()) +
+                               "): what comes before that is read, which are " +
+                               std::to_string(list().messages.size()) + " messages");
   }
 
   [[nodiscard]] bool open_blob(sqlite3_int64 id) const {
