@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "calib/features.hpp"
-#include "dataset/bag/bag_topics.hpp"
+#include "dataset/bag/bag_options.hpp"
 #include "dataset/recording.hpp"
 
 namespace calib::eval {

@@ -4,7 +4,7 @@
 #include <string>
 #include <tuple>
 
-#include "dataset/bag/bag_topics.hpp"
+#include "dataset/bag/bag_options.hpp"
 
 namespace calib {
 

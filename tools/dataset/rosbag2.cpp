@@ -7,6 +7,7 @@
 #include <span>
 
 #include "dataset/bag/bag_frames.hpp"
+#include "dataset/bag/bag_topics.hpp"
 #include "dataset/bag/ros_message.hpp"
 #include "dataset/bag/transform_tree.hpp"
 #include "dataset/calibration_file.hpp"

@@ -2,7 +2,7 @@
 
 #include <filesystem>
 
-#include "dataset/bag/bag_topics.hpp"
+#include "dataset/bag/bag_options.hpp"
 #include "dataset/recording.hpp"
 
 namespace calib {
