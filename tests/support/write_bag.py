@@ -42,8 +42,9 @@ def octets(data):
 
 
 def image(stamp, frame, pixels):
-    return make(IMAGE, header=header(stamp, frame), height=pixels.shape[0], width=pixels.shape[1], encoding="mono8",
-                is_bigendian=0, step=pixels.shape[1], data=pixels.reshape(-1))
+    """Grey, or red, green and blue."""
+    return make(IMAGE, header=header(stamp, frame), height=pixels.shape[0], width=pixels.shape[1],
+                encoding="mono8" if pixels.ndim == 2 else "rgb8", is_bigendian=0, step=pixels.strides[0], data=pixels.reshape(-1))
 
 
 def compressed_image(stamp, frame, pixels):
@@ -135,7 +136,7 @@ class Drive:
 
     def messages(self, right=True, info=True, tf="/tf_static", direct_tf=True, late_ns=0):
         """As drivers would have sent them: a frame each 100 ms."""
-        height, width = self.pixels("image_02", self.names[0]).shape
+        height, width = self.pixels("image_02", self.names[0]).shape[:2]
         P_right = self.P_right.copy()
         P_right[3] -= self.P_left[3]  # as ROS has it: seen from the left camera
         P_left = self.P_left.copy()
