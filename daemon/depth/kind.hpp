@@ -8,6 +8,7 @@
 
 #include "calib/config_node.hpp"
 #include "calib/depth.hpp"
+#include "dds/stereo_cameras.hpp"
 #include "dds/window.hpp"
 
 namespace calib {
@@ -35,11 +36,6 @@ struct DepthSourceKind {
     std::string_view cause, remedy;
   };
   std::optional<PreparationFailure> preparation_failure;
-};
-
-/// The last CameraInfo of the camera (`left`) and, with a stereo camera, of the right one.
-struct StereoCameraInfo {
-  std::optional<CameraInfo> left, right;
 };
 
 /// What the configuration of a depth source provides. To add a kind: write a struct like this in a file of its own, and

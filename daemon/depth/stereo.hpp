@@ -27,8 +27,4 @@ struct StereoDepthConfig {
                                                                        const StereoCameraInfo& infos) const;
 };
 
-/// The right camera from the CameraInfo of both. Rectified images (`left` is `rectified`) need only the P of the right
-/// one; all others need K, D, R and P of the right one and R of the left one. Fails with `bad_camera`.
-[[nodiscard]] Result<RightCamera> right_camera(const Camera& left, const StereoCameraInfo& infos);
-
 }  // namespace calib

@@ -10,6 +10,7 @@
 
 #include "calib_eval/commands.hpp"
 #include "calib_eval/starts.hpp"
+#include "dataset/bag_arguments.hpp"
 #include "dataset/depth_files.hpp"
 
 namespace calib::eval {
@@ -115,8 +116,8 @@ class CommandLine {
   void add_landscape(const std::string& name, const std::string& what, bool of_pairs);
   void add_drift();
   void add_plot();
-  void check_recording() const;
-  void finish_calibrate();
+  void check_recording(const CLI::App& command) const;
+  void finish_calibrate(const CLI::App& calibrate);
   void finish_drift(const CLI::App& drift);
 
   CommandWords words_;
@@ -165,9 +166,12 @@ CLI::App* CommandLine::subcommand(const std::string& name, const std::string& wh
 
 void CommandLine::add_recording(CLI::App& to, bool or_simulation) {
   auto* const dataset = to.add_option("--dataset", recording_frames_.dataset, "Layout of the recording")
-                            ->check(CLI::IsMember({"kitti-raw", "kitti-360", "list"}));
-  auto* const root = to.add_option("--root", recording_frames_.root,
-                                   "DATE/DRIVE of kitti-raw, root of kitti-360, YAML file of a list");
+                            ->check(CLI::IsMember(std::vector<std::string>(datasets.begin(), datasets.end())));
+  auto* const root =
+      to.add_option("--root", recording_frames_.root,
+                    "DATE/DRIVE of kitti-raw, root of kitti-360, kitti-object, nuscenes; rosbag2; YAML file of a list");
+  add_bag_options(to, recording_frames_.bag);
+  add_bag_depth_option(to, recording_frames_.bag);
   dataset->required(!or_simulation)->needs(root);
   root->required(!or_simulation)->needs(dataset);
   if (or_simulation) {
@@ -177,24 +181,25 @@ void CommandLine::add_recording(CLI::App& to, bool or_simulation) {
         ->check(whole_number(1, 1000))
         ->capture_default_str();
   }
-  to.add_option("--drive", recording_frames_.drive, "Drive of kitti-360");
-  to.add_option("--camera", recording_frames_.camera,
-                "image_00 .. image_03; default image_02 of kitti-raw, image_00 of kitti-360");
+  to.add_option("--drive", recording_frames_.drive, "Drive of kitti-360, scene of nuscenes (default: all)");
+  to.add_option(
+      "--camera", recording_frames_.camera,
+      "image_00 .. image_03; default image_02 of kitti-raw, image_00 of kitti-360; image_2 (default) or image_3 "
+      "of kitti-object; CAM_FRONT (default) and others of nuscenes");
   to.add_option("--cloud-layout", recording_frames_.cloud_layout,
                 "Numbers of a point in .bin clouds: float32x4 (as KITTI), float32x5 (as nuScenes), float64x4, ...")
       ->needs(dataset)
       ->check(parses(parse_cloud_layout, "LAYOUT"));
   auto* const source =
       to.add_option("--depth", recording_frames_.depth,
-                    or_simulation ? "Depth that is made: stereo, onnx:DESCRIPTOR or, of simulated streets, true"
-                                  : "Depth that is made: stereo, or onnx:DESCRIPTOR")
+                    "Where depth comes from: stereo, onnx:DESCRIPTOR, topic (of rosbag2), true (of simulated streets)")
           ->check(CLI::Validator(
               [or_simulation](const std::string& text) {
-                const bool known = text == "stereo" || (text.starts_with("onnx:") && text.size() > 5) ||
-                                   (or_simulation && text == "true");
-                return known ? std::string() : text + " is neither stereo nor onnx:DESCRIPTOR";
+                const bool known = text == "stereo" || text == "topic" || (or_simulation && text == "true") ||
+                                   (text.starts_with("onnx:") && text.size() > 5);
+                return known ? std::string() : text + " is none of stereo, onnx:DESCRIPTOR and topic";
               },
-              "stereo|onnx:DESCRIPTOR"));
+              "stereo|onnx:DESCRIPTOR|topic"));
   auto* const folder = to.add_option("--depth-dir", recording_frames_.depth_dir, "Depth from the files of this folder");
   auto* const kind = to.add_option("--depth-kind", recording_frames_.depth_kind, "disparity, inverse, depth or range")
                          ->check(parses(parse_depth_kind, "KIND"));
@@ -228,14 +233,13 @@ void CommandLine::add_objectives(CLI::App& to) {
       ->check(CLI::IsMember({3, 6}));
 }
 
-void CommandLine::check_recording() const {
+void CommandLine::check_recording(const CLI::App& command) const {
   if (recording_frames_.depth.empty() && recording_frames_.depth_dir.empty())
     throw CLI::RequiredError("--depth or --depth-dir");
   if (recording_frames_.dataset == "kitti-360" && recording_frames_.drive.empty()) throw CLI::RequiredError("--drive");
-  if (recording_frames_.dataset != "kitti-360" && !recording_frames_.drive.empty())
-    throw CLI::ValidationError("--drive", "is for kitti-360");
-  if (recording_frames_.dataset == "list" && !recording_frames_.camera.empty())
-    throw CLI::ValidationError("--camera", "is not for a list, whose file describes the camera");
+  if (const auto fault = option_fault(recording_frames_)) throw CLI::ValidationError(fault->option, fault->why);
+  if (const std::string given = given_bag_option(command); recording_frames_.dataset != "rosbag2" && !given.empty())
+    throw CLI::ValidationError(given, "is for rosbag2");
 }
 
 void CommandLine::add_calibrate() {
@@ -260,12 +264,12 @@ void CommandLine::add_calibrate() {
   auto* const json = added->add_option("--json", calibrate_.json, "Write the result into this file");
   added->add_option("--figures", calibrate_.figures, "Write overlays of one run of each cell into this folder")
       ->needs(json);
-  added->parse_complete_callback([this] { finish_calibrate(); });
+  added->parse_complete_callback([this, added] { finish_calibrate(*added); });
 }
 
 /// What is not given is as in the paper's tables.
-void CommandLine::finish_calibrate() {
-  check_recording();
+void CommandLine::finish_calibrate(const CLI::App& calibrate) {
+  check_recording(calibrate);
   calibrate_.degrees_of_freedom = degrees_of_freedom_ == 6 ? 6 : 3;
   const bool six = calibrate_.degrees_of_freedom == 6;
   if (!objectives_.empty()) calibrate_.methods = values_of(objectives_, parse_method);
@@ -301,8 +305,8 @@ void CommandLine::add_landscape(const std::string& name, const std::string& what
     added->add_option("--axes", axis_pairs_, "Pairs such as roll:pitch, several with commas")
         ->check(each(parses(parse_axis_pair, "AXIS:AXIS")));
   }
-  added->parse_complete_callback([this] {
-    check_recording();
+  added->parse_complete_callback([this, added] {
+    check_recording(*added);
     landscape_.degrees_of_freedom = degrees_of_freedom_ == 3 ? 3 : 6;
     if (!objectives_.empty()) landscape_.methods = values_of(objectives_, parse_method);
     if (axis_pairs_.empty()) axis_pairs_ = {"roll:pitch", "roll:yaw", "pitch:yaw", "pitch:z", "yaw:y", "x:z"};
@@ -357,7 +361,7 @@ void CommandLine::finish_drift(const CLI::App& drift) {
   } else {
     if (recording_frames_.dataset.empty()) throw CLI::RequiredError("--dataset or --sim");
     if (recording_frames_.depth == "true") throw CLI::ValidationError("--depth", "true is for --sim");
-    check_recording();
+    check_recording(drift);
   }
   if (knocks_.empty()) knocks_ = {"0.25deg", "0.5deg", "1deg", "10cm", "20cm"};
   drift_.knocks = values_of(knocks_, parse_knock);

@@ -6,14 +6,17 @@
 #include <functional>
 #include <memory>
 #include <mutex>
+#include <utility>
 
 #include "calib/depth_onnx.hpp"
 #include "calib/depth_stereo.hpp"
+#include "calib/depth_topic.hpp"
 #include "calib/extrinsic_check.hpp"
 #include "calib/quality.hpp"
 #include "calib_eval/parallel.hpp"
 #include "calib_eval/simulated_drive.hpp"
 #include "dataset/depth_files.hpp"
+#include "dataset/rosbag2.hpp"
 
 namespace calib::eval {
 namespace {
@@ -29,7 +32,17 @@ struct Source {
   /// Frame by number; from any thread.
   std::function<Result<FramePair>(std::size_t, Colours)> frame;
   std::function<DepthMap(std::size_t)> true_depth = {};  // where it is known
+  std::optional<RightCamera> right_camera = {};          // where the baseline does not tell it
+  std::optional<DepthCamera> depth_camera = {};          // of depth in messages, where it is another one
+  std::vector<std::string> remarks = {};
 };
+
+Result<Recording> open_bag(const RecordingOptions& options) {
+  BagOptions bag = options.bag;
+  bag.needs_right_image = options.depth == "stereo";
+  bag.needs_depth = options.depth == "topic";
+  return open_rosbag2(options.root, bag);
+}
 
 Result<Source> open_recording(const RecordingOptions& options) {
   auto recording = [&] {
@@ -37,6 +50,11 @@ Result<Source> open_recording(const RecordingOptions& options) {
       return open_kitti_raw(options.root, options.camera.empty() ? "image_02" : options.camera);
     if (options.dataset == "kitti-360")
       return open_kitti_360(options.root, options.drive, options.camera.empty() ? "image_00" : options.camera);
+    if (options.dataset == "kitti-object")
+      return open_kitti_object(options.root, options.camera.empty() ? "image_2" : options.camera);
+    if (options.dataset == "nuscenes")
+      return open_nuscenes(options.root, options.camera.empty() ? "CAM_FRONT" : options.camera, options.drive);
+    if (options.dataset == "rosbag2") return open_bag(options);
     return open_list(options.root);
   }();
   if (!recording) return propagate(recording);
@@ -53,6 +71,9 @@ Result<Source> open_recording(const RecordingOptions& options) {
                 recording->lacks(),
                 [recording = *recording](std::size_t i, Colours colours) { return recording.frame(i, colours); }};
   for (std::size_t i = 0; i < recording->size(); ++i) source.names.push_back(recording->frame_name(i));
+  source.right_camera = recording->right_camera();
+  source.depth_camera = recording->depth_camera();
+  source.remarks = recording->remarks();
   return source;
 }
 
@@ -103,10 +124,12 @@ Result<DepthMap> depth_of(const RecordingOptions& options, const Source& source,
     if (options.depth == "true") return source.true_depth(index);
     if (options.depth == "stereo") {
       // One for each frame, as they keep scratch memory and frames are read side by side.
-      const auto stereo = make_stereo_depth(source.camera, *source.baseline_m);
+      const auto stereo = source.right_camera ? make_stereo_depth(source.camera, *source.right_camera)
+                                              : make_stereo_depth(source.camera, *source.baseline_m);
       if (!stereo) return propagate(stereo);
       return (*stereo)->estimate(pair);
     }
+    if (options.depth == "topic") return make_topic_depth(source.camera, source.depth_camera)->estimate(pair);
     const auto kind = parse_depth_kind(options.depth_kind);
     if (!kind) return propagate(kind);
     return read_depth({options.depth_dir, *kind, options.depth_scale}, source.names[index], source.camera,
@@ -140,6 +163,14 @@ Reading read_frame(const RecordingOptions& options, const Source& source, Networ
   const auto features = make_features(*reading.pair, *reading.depth, source.camera, source.T_camera_lidar, {});
   if (!features) reading.useless = features.error();
   return reading;
+}
+
+/// Whether a frame that cannot be read costs that frame alone, as a message does that calibd skips. A file of a frame
+/// that cannot be read is an error: somebody has put it there.
+bool is_skipped(const Error& error, const RecordingOptions& options) {
+  return options.dataset == "rosbag2" &&
+         (is_malformed(error.code) || error.code == ErrorCode::image_size_mismatch ||
+          error.code == ErrorCode::cloud_empty || error.code == ErrorCode::file_unreadable);
 }
 
 /// The first few of `phrases`, and how many more there are.
@@ -222,12 +253,6 @@ void remark_on_agreement(const RecordingOptions& options, RecordingFrames& recor
         "at the recording's own extrinsic the depth does not grow with the LiDAR's range " + numbers + ": " +
         (options.depth_dir.empty() ? "is the extrinsic" : "are --depth-kind and the extrinsic") +
         " right, and do images, depth and clouds belong together?");
-  else if (!agreement.clouds_belong())
-    recording_frames.remarks.push_back(
-        "the depth of " + std::to_string(agreement.frames - agreement.own_cloud_better) + " of " +
-        std::to_string(agreement.frames) +
-        " frames agrees no better with their own cloud than with that of another frame: do images "
-        "and clouds belong together?");
 }
 
 /// What there is too little of, and why.
@@ -242,6 +267,17 @@ std::string too_few(const RecordingFrames& recording_frames, std::size_t tried, 
 }
 
 }  // namespace
+
+std::optional<OptionFault> option_fault(const RecordingOptions& options) {
+  const bool is_bag = options.dataset == "rosbag2";
+  if (options.dataset != "kitti-360" && options.dataset != "nuscenes" && !options.drive.empty())
+    return OptionFault{"--drive", "is for kitti-360 and nuscenes"};
+  if (!is_bag && options.depth == "topic") return OptionFault{"--depth", "topic is for rosbag2"};
+  if (is_bag && !options.camera.empty()) return OptionFault{"--camera", "is not for rosbag2, which has --image-topic"};
+  if (options.dataset == "list" && !options.camera.empty())
+    return OptionFault{"--camera", "is not for a list, whose file describes the camera"};
+  return std::nullopt;
+}
 
 std::vector<std::size_t> spread_evenly(std::size_t available, std::size_t wanted) {
   const std::size_t count = std::min(available, wanted);
@@ -264,21 +300,27 @@ Result<RecordingFrames> RecordingFrames::read(const RecordingOptions& options) {
                [&](std::size_t i) { readings[i] = read_frame(options, *source, network, indices[i]); });
 
   RecordingFrames recording_frames{source->camera, source->T_camera_lidar, {}, {}, {}, {}};
+  recording_frames.remarks = source->remarks;
   if (!remark->empty()) recording_frames.remarks.push_back(*std::move(remark));
   if (!source->lacks.empty())
     recording_frames.left_out.push_back(std::to_string(source->lacks.size()) + " of " +
                                         std::to_string(source->lacks.size() + source->names.size()) +
                                         " frames are left out: " + abridged(source->lacks));
+  bool is_first = true;
   for (std::size_t i = 0; i < indices.size(); ++i) {
     Reading& reading = readings[i];
-    if (!reading.pair) return propagate(reading.pair);
-    if (i == 0)
-      for (const Error& noted : reading.pair->image.notes.remarks)
-        recording_frames.remarks.push_back("image of frame " + source->names[indices[i]] + ": " + noted.context);
-    if (i == 0)
-      if (auto plausible = check_first(reading, recording_frames); !plausible) return propagate(plausible);
     const std::string& name = source->names[indices[i]];
-    if (reading.useless)
+    if (!reading.pair && !is_skipped(reading.pair.error(), options)) return propagate(reading.pair);
+    if (reading.pair && std::exchange(is_first, false)) {
+      for (const Error& noted : reading.pair->image.notes.remarks)
+        recording_frames.remarks.push_back("image of frame " + name + ": " + noted.context);
+      for (const Error& noted : reading.pair->scan.notes.remarks)
+        recording_frames.remarks.push_back("cloud of frame " + name + ": " + noted.context);
+      if (auto plausible = check_first(reading, recording_frames); !plausible) return propagate(plausible);
+    }
+    if (!reading.pair)
+      recording_frames.left_out.push_back("frame " + name + " is left out: " + reading.pair.error().context);
+    else if (reading.useless)
       recording_frames.left_out.push_back("frame " + name + " is left out: " + reading.useless->context);
     else
       recording_frames.frames.push_back({name, *std::move(reading.pair), *std::move(reading.depth)});

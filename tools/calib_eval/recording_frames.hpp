@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
@@ -7,17 +8,22 @@
 #include <vector>
 
 #include "calib/features.hpp"
+#include "dataset/bag/bag_options.hpp"
 #include "dataset/recording.hpp"
 
 namespace calib::eval {
 
+/// Layouts of recordings.
+inline constexpr std::array datasets{"kitti-raw", "kitti-360", "kitti-object", "nuscenes", "rosbag2", "list"};
+
 /// Which frames of which recording, and where their depth comes from.
 struct RecordingOptions {
-  std::string dataset;  // kitti-raw, kitti-360, list or sim: streets that are simulated
+  std::string dataset;  // one of `datasets`, or sim: streets that are simulated
   std::filesystem::path root;
   std::string cloud_layout;   // of clouds in .bin; empty: what the recording says, or float32x4
   std::string drive, camera;  // empty: the layout's usual camera
-  std::string depth;          // stereo, onnx:DESCRIPTOR or, of simulated streets, true; empty: from files
+  BagOptions bag;             // of rosbag2
+  std::string depth;          // stereo, onnx:DESCRIPTOR, topic or, of simulated streets, true; empty: from files
   std::filesystem::path depth_dir;
   std::string depth_kind;
   std::optional<double> depth_scale;
@@ -32,6 +38,12 @@ struct RecordingOptions {
   [[nodiscard]] bool monocular_depth() const { return monocular_files || depth.starts_with("onnx:"); }
 };
 
+/// An option that the layout of the recording has no use for.
+struct OptionFault {
+  std::string option, why;
+};
+[[nodiscard]] std::optional<OptionFault> option_fault(const RecordingOptions& options);
+
 /// How the depth of a recording agrees with its clouds, at its own extrinsic.
 struct RecordingAgreement {
   double rank_correlation = 0;  // of depth and range, median over the frames: `DepthAgreement`
@@ -42,8 +54,6 @@ struct RecordingAgreement {
 
   /// With good depth 0.95 and more; 0.4 where the LiDAR is rotated by 20 degrees; negative where depth is inverted.
   [[nodiscard]] bool grows_with_range() const { return rank_correlation >= 0.5; }
-  /// With clouds of other frames it is half of them; with the right ones and coarse depth of a network, four in five.
-  [[nodiscard]] bool clouds_belong() const { return 3 * own_cloud_better >= 2 * frames; }
 };
 
 /// Frames that can be evaluated, with their depth. What is wrong with the others is in `left_out`, a sentence each.
@@ -68,7 +78,8 @@ struct RecordingFrames {
   /// Reads `options.frames` frames spread evenly over the recording (all, where it has no more), and makes or reads
   /// their depth; or drives through simulated streets for them. Fails as opening the recording and reading its frames
   /// do; as `make_onnx_depth` and the network's self-test do; with `extrinsic_implausible`, `stereo_missing`,
-  /// `depth_missing` and `too_few_frames`. Frames without usable depth or overlap are left out.
+  /// `depth_missing` and `too_few_frames`. Frames without usable depth or overlap are left out, and so are messages
+  /// that calibd would not accept.
   [[nodiscard]] static Result<RecordingFrames> read(const RecordingOptions& options);
 
   /// Features of all frames at the recording's extrinsic. Fails as `make_features` does.

@@ -9,15 +9,14 @@
 namespace calib {
 namespace {
 
-/// P = K [I | t]: x = K (p + t).
-Eigen::Vector3d translation_of(const Eigen::Matrix<double, 3, 4>& P) { return P.leftCols<3>().inverse() * P.col(3); }
-
 /// Within what six written digits allow.
 bool is_rotation(const Eigen::Matrix3d& matrix) {
   return (matrix * matrix.transpose() - Eigen::Matrix3d::Identity()).norm() < 1e-3 && matrix.determinant() > 0;
 }
 
 }  // namespace
+
+Eigen::Vector3d translation_of(const Eigen::Matrix<double, 3, 4>& P) { return P.leftCols<3>().inverse() * P.col(3); }
 
 Result<KittiCalibration> KittiCalibration::read(const std::filesystem::path& path) {
   constexpr std::uint64_t most_bytes = 1 << 20;

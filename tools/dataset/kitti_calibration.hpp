@@ -46,6 +46,9 @@ class KittiCalibration {
   std::map<std::string, std::vector<double>> values_;
 };
 
+/// Of P = K [I | t]: x = K (p + t).
+[[nodiscard]] Eigen::Vector3d translation_of(const Eigen::Matrix<double, 3, 4>& P);
+
 /// A rectified camera as KITTI writes one: `S_rect_NN` and `P_rect_NN`, P = K [I | t].
 struct KittiRectifiedCamera {
   Camera camera;

@@ -2,10 +2,12 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <functional>
 #include <initializer_list>
 #include <set>
 
 #include "calib/file.hpp"
+#include "dataset/calibration_file.hpp"
 #include "dataset/frames_by_name.hpp"
 #include "dataset/recording.hpp"
 
@@ -73,6 +75,26 @@ Result<RigidTransform> read_transform(const YAML::Node& node) {
                         {q.normalized().x(), q.normalized().y(), q.normalized().z(), q.normalized().w()});
 }
 
+/// Nothing where the key is missing.
+std::optional<double> read_baseline_m(const YAML::Node& root) {
+  if (!root["baseline_m"]) return std::nullopt;
+  const auto baseline_m = value<double>(root, "baseline_m", "a number");
+  if (!(baseline_m > 0 && baseline_m < 100))
+    throw Malformed{root["baseline_m"].Mark(), "baseline_m is not within 0 .. 100 m"};
+  return baseline_m;
+}
+
+/// 16 where the key is missing.
+int read_image_bits(const YAML::Node& camera) {
+  if (!camera["bits"]) return 16;
+  const int bits = value<int>(camera, "bits", "a number of bits");
+  if (bits < 8 || bits > 16) throw Malformed{camera["bits"].Mark(), "bits is not within 8 .. 16"};
+  return bits;
+}
+
+constexpr std::initializer_list<const char*> keys{"camera", "baseline_m",   "T_camera_lidar", "frames",
+                                                  "images", "right_images", "clouds",         "cloud_layout"};
+
 /// The frames that are listed one by one.
 std::vector<RecordedFrame> read_frames(const YAML::Node& node, const fs::path& folder) {
   if (!node.IsSequence() || node.size() == 0) throw Malformed{node.Mark(), "frames is not a list of frames"};
@@ -96,8 +118,7 @@ std::vector<RecordedFrame> read_frames(const YAML::Node& node, const fs::path& f
 
 Result<Recording> read_frames_and_calibration(const YAML::Node& root, const fs::path& folder) {
   if (root.IsNull()) throw Malformed{root.Mark(), "the file is empty"};
-  check_keys(root, "a recording",
-             {"camera", "baseline_m", "T_camera_lidar", "frames", "images", "right_images", "clouds", "cloud_layout"});
+  check_keys(root, "a recording", keys);
   for (const char* key : {"camera", "T_camera_lidar"})
     if (!root[key]) throw Malformed{root.Mark(), std::string(key) + " is missing"};
   if (!root["frames"] && !root["images"]) throw Malformed{root.Mark(), "frames (or images and clouds) are missing"};
@@ -105,12 +126,7 @@ Result<Recording> read_frames_and_calibration(const YAML::Node& root, const fs::
   if (!camera) return propagate(camera);
   const auto T_camera_lidar = read_transform(root["T_camera_lidar"]);
   if (!T_camera_lidar) return propagate(T_camera_lidar);
-  std::optional<double> baseline_m;
-  if (root["baseline_m"]) {
-    baseline_m = value<double>(root, "baseline_m", "a number");
-    if (!(*baseline_m > 0 && *baseline_m < 100))
-      throw Malformed{root["baseline_m"].Mark(), "baseline_m is not within 0 .. 100 m"};
-  }
+  const std::optional<double> baseline_m = read_baseline_m(root);
   if (root["frames"]) {
     if (root["images"] || root["right_images"] || root["clouds"])
       throw Malformed{root.Mark(), "there are both frames and folders of images and clouds"};
@@ -126,11 +142,7 @@ Result<Recording> read_frames_and_calibration(const YAML::Node& root, const fs::
 
 Result<Recording> read_list(const YAML::Node& root, const fs::path& folder) {
   auto recording = read_frames_and_calibration(root, folder);
-  if (recording && root["camera"]["bits"]) {
-    const int bits = value<int>(root["camera"], "bits", "a number of bits");
-    if (bits < 8 || bits > 16) throw Malformed{root["camera"]["bits"].Mark(), "bits is not within 8 .. 16"};
-    recording->set_image_bits(bits);
-  }
+  if (recording) recording->set_image_bits(read_image_bits(root["camera"]));
   if (!recording || !root["cloud_layout"]) return recording;
   const auto layout = parse_cloud_layout(value<std::string>(root, "cloud_layout", "a layout such as float32x4"));
   if (!layout) throw Malformed{root["cloud_layout"].Mark(), layout.error().context};
@@ -138,33 +150,64 @@ Result<Recording> read_list(const YAML::Node& root, const fs::path& folder) {
   return recording;
 }
 
-}  // namespace
+Result<CalibrationFile> read_sensors(const YAML::Node& root) {
+  check_keys(root, "a calibration", keys);
+  CalibrationFile file;
+  if (root["camera"]) {
+    auto camera = read_camera(root["camera"]);
+    if (!camera) return propagate(camera);
+    file.camera = *std::move(camera);
+    file.image_bits = read_image_bits(root["camera"]);
+  }
+  if (root["T_camera_lidar"]) {
+    const auto T_camera_lidar = read_transform(root["T_camera_lidar"]);
+    if (!T_camera_lidar) return propagate(T_camera_lidar);
+    file.T_camera_lidar = *T_camera_lidar;
+  }
+  file.baseline_m = read_baseline_m(root);
+  return file;
+}
 
-Result<Recording> open_list(const fs::path& yaml) {
+/// What `read` makes of a file; its errors name the file and the line.
+template <typename Value>
+Result<Value> read_yaml(const fs::path& yaml, const std::string& text,
+                        const std::function<Result<Value>(const YAML::Node&)>& read) {
   const auto malformed = [&yaml](const YAML::Mark& mark, const std::string& why) {
     return fail(ErrorCode::calibration_malformed,
                 yaml.string() + (mark.is_null() ? "" : ":" + std::to_string(mark.line + 1)) + ": " + why);
   };
+  try {
+    auto value = read(YAML::Load(text));
+    if (!value && (value.error().code == ErrorCode::bad_camera || value.error().code == ErrorCode::bad_transform))
+      value.error().context = yaml.string() + ": " + value.error().context;
+    return value;
+  } catch (const Malformed& what) {
+    return malformed(what.mark, what.why);
+  } catch (const YAML::Exception& what) {
+    return malformed(what.mark, escape_control(what.msg));
+  }
+}
+
+constexpr std::uint64_t most_bytes = 2 << 20;  // some ten thousand frames; yaml-cpp takes 300 times that
+
+}  // namespace
+
+Result<Recording> open_list(const fs::path& yaml) {
   if (std::error_code error; fs::is_directory(yaml, error)) {
     const fs::path usual = yaml / "recording.yaml";
     return fail(ErrorCode::recording_not_found,
                 yaml.string() + " is a folder, and a list is a YAML file: " +
                     (fs::exists(usual, error) ? "give " + usual.string() : "tools/dataset/README.md describes it"));
   }
-  constexpr std::uint64_t most_bytes = 2 << 20;  // some ten thousand frames; yaml-cpp takes 300 times that
   const auto text = read_regular_file(yaml, most_bytes);
   if (!text) return fail(ErrorCode::recording_not_found, text.error().context);
-  try {
-    auto recording = read_list(YAML::Load(*text), yaml.parent_path());
-    if (!recording &&
-        (recording.error().code == ErrorCode::bad_camera || recording.error().code == ErrorCode::bad_transform))
-      recording.error().context = yaml.string() + ": " + recording.error().context;
-    return recording;
-  } catch (const Malformed& what) {
-    return malformed(what.mark, what.why);
-  } catch (const YAML::Exception& what) {
-    return malformed(what.mark, escape_control(what.msg));
-  }
+  return read_yaml<Recording>(yaml, *text, [&](const YAML::Node& root) { return read_list(root, yaml.parent_path()); });
+}
+
+Result<CalibrationFile> read_calibration_file(const fs::path& yaml) {
+  const auto text = read_regular_file(yaml, most_bytes);
+  if (!text) return fail(ErrorCode::calibration_missing, text.error().context);
+  return read_yaml<CalibrationFile>(yaml, *text, read_sensors);
 }
 
 }  // namespace calib

@@ -47,13 +47,13 @@ Result<ListWriter> ListWriter::create(const fs::path& folder, const Camera& came
 }
 
 Result<void> ListWriter::append(const Image& image, const LidarScan& scan, const std::vector<float>& range_m) {
-  std::string name = std::to_string(count_);
+  std::string name = std::to_string(count_++);
   name.insert(0, 6 - std::min<std::size_t>(name.size(), 6), '0');
   if (const auto written = write_image(folder_ / "images" / (name + ".png"), image); !written) return written;
   if (const auto written = write_cloud(folder_ / "clouds" / (name + ".bin"), scan); !written) return written;
   const auto depth = folder_ / "depth" / (name + ".png");
+  if (range_m.empty()) return {};
   if (const auto written = write_range_png(depth, image.width, image.height, range_m); !written) return written;
-  ++count_;
   return {};
 }
 

@@ -17,7 +17,8 @@ class ListWriter {
   /// Folders are made, files of the same name replaced.
   [[nodiscard]] static Result<ListWriter> create(const std::filesystem::path& folder, const Camera& camera,
                                                  const RigidTransform& T_camera_lidar);
-  /// `range_m`: distance along the ray of every pixel of `image`, infinite where there is none.
+  /// `range_m`: distance along the ray of every pixel of `image`, infinite where there is none; empty: no depth
+  /// is known, and none written.
   [[nodiscard]] Result<void> append(const Image& image, const LidarScan& scan, const std::vector<float>& range_m);
 
  private:

@@ -83,6 +83,7 @@ std::string depth_config(const Vehicle& vehicle, const PublisherOptions& publish
   if (!topics.depth.empty())
     return std::string("{source: topic, ") + (publisher.depth_as == DepthAs::disparity ? "disparity: " : "image: ") +
            topics.depth + "}";
+  if (vehicle.baseline_m == 0) return "{source: onnx, model: /usr/share/calibd/models/street-small.yaml}";
   const bool rectified = vehicle.camera.model() == CameraModel::rectified;
   return "{source: stereo, right_image: " + topics.right_image +
          (rectified ? ", baseline_m: " + json(vehicle.baseline_m).dump() : ", right_info: " + topics.right_info) + "}";
@@ -243,10 +244,12 @@ Result<void> drive(const Vehicle& vehicle, const PlayOptions& options, const Kno
 
     truth.at(t_s, i, delta);
     const Timestamp now = wall_time();
-    pair->image.stamp = pair->right_image->stamp = now;
-    pair->scan.stamp = now + late + nanoseconds(1e-3 * options.time_offset_ms);
+    const auto apart = pair->time_difference();  // as recorded; none where stamps are not set
+    pair->image.stamp = now;
+    if (pair->right_image) pair->right_image->stamp = now;
+    pair->scan.stamp = now + apart + late + nanoseconds(1e-3 * options.time_offset_ms);
     motion.publish(now, t_s);
-    if (const auto sent = publisher->publish(pair->image, *pair->right_image); !sent) return sent;
+    if (const auto sent = publisher->publish(pair->image, pair->right_image); !sent) return sent;
     if (const auto sent = publisher->publish_depth(now, pair->depth_m); !sent) return sent;
     if (reached(options.silence_lidar_after_s, t_s)) continue;
     if (motion.ended_before(Clock::now() + late, end_signals)) break;

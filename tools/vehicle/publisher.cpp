@@ -128,6 +128,8 @@ Result<Publisher> Publisher::open(const PublisherOptions& options, const Vehicle
         Wanted{publisher.motion_, imu ? sensor_msgs_msg_dds__Imu__desc : nav_msgs_msg_dds__Odometry__desc,
                topics.motion, imu ? imu_hash : odometry_hash}}) {
     if (wanted.name.empty() && (&wanted.writer == &publisher.depth_ || &wanted.writer == &publisher.motion_)) continue;
+    if (vehicle.baseline_m == 0 && (&wanted.writer == &publisher.right_ || &wanted.writer == &publisher.right_info_))
+      continue;
     const auto writer = open_writer(participant, wanted.type, wanted.name, wanted.hash, options.best_effort);
     if (!writer) return propagate(writer);
     wanted.writer = *writer;
@@ -152,12 +154,13 @@ Publisher::~Publisher() {
   if (domain_ != 0) dds_delete(domain_);
 }
 
-Result<void> Publisher::publish(const Image& left, const Image& right) {
+Result<void> Publisher::publish(const Image& left, const std::optional<Image>& right) {
   if (const auto info = publish_info(left_info_, left.stamp, 0, vehicle_.R_rectified_left); !info) return info;
-  if (const auto info = publish_info(right_info_, right.stamp, vehicle_.baseline_m, vehicle_.R_rectified_right); !info)
+  if (!right) return publish_image(left_, left, "camera_left");
+  if (const auto info = publish_info(right_info_, right->stamp, vehicle_.baseline_m, vehicle_.R_rectified_right); !info)
     return info;
   if (const auto image = publish_image(left_, left, "camera_left"); !image) return image;
-  return publish_image(right_, right, "camera_right");
+  return publish_image(right_, *right, "camera_right");
 }
 
 Result<void> Publisher::publish_depth(Timestamp stamp, const std::vector<float>& depth_m) {
@@ -218,9 +221,12 @@ Result<void> Publisher::publish_info(int writer, Timestamp stamp, double baselin
   message.header = header(stamp, "camera_left");
   message.height = static_cast<std::uint32_t>(camera.height());
   message.width = static_cast<std::uint32_t>(camera.width());
-  message.distortion_model = const_cast<char*>("plumb_bob");
+  const auto model = std::ranges::find(all_camera_models, camera.model(), &CameraModelFacts::model);
+  const bool has_lens = camera.model() != CameraModel::rectified && model->ros;
+  const std::string name(has_lens ? model->ros->name : "plumb_bob");
+  message.distortion_model = const_cast<char*>(name.c_str());  // read only
   std::vector<double> distortion = camera.distortion();
-  distortion.resize(5);
+  if (!has_lens) distortion.resize(5);
   message.d = borrowed<decltype(message.d)>(distortion.data(), distortion.size());
   message.k[0] = message.p[0] = camera.fx();
   message.k[2] = message.p[2] = camera.cx();

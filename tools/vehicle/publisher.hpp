@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <string>
 
 #include "vehicle/vehicle.hpp"
@@ -37,8 +38,8 @@ class Publisher {
   /// One per domain and process. Fails with `dds_failed`.
   [[nodiscard]] static Result<Publisher> open(const PublisherOptions& options, const Vehicle& vehicle);
 
-  /// Both images, each with its camera info; the stamp is the images'.
-  [[nodiscard]] Result<void> publish(const Image& left, const Image& right);
+  /// The images that there are, each with its camera info; the stamp is the images'.
+  [[nodiscard]] Result<void> publish(const Image& left, const std::optional<Image>& right);
   [[nodiscard]] Result<void> publish(const LidarScan& scan);
   /// Depth along the left camera's axis, with the image's stamp; nothing when no topic was asked for. Fails also with
   /// `no_depth`.

@@ -75,17 +75,25 @@ Result<Vehicle> simulated_vehicle(const Simulation& simulation) {
                  rig->T_camera_lidar, frame,           simulation.cloud_late_s, angular_velocity};
 }
 
-Result<Vehicle> recorded_vehicle(const Recording& recording) {
-  if (!recording.has_stereo())
+Result<Vehicle> recorded_vehicle(const Recording& recording, bool needs_stereo) {
+  const bool has_stereo = recording.has_stereo() && recording.baseline_m();
+  if (needs_stereo && !has_stereo)
     return fail(ErrorCode::no_right_images, "the recording has no right images, and a vehicle publishes both");
-  const auto frame = [recording](std::size_t index, double, const RigidTransform& motion) -> Result<SeenFrame> {
+  const auto frame = [recording, has_stereo](std::size_t index, double,
+                                             const RigidTransform& motion) -> Result<SeenFrame> {
     auto pair = recording.frame(index % recording.size());
     if (!pair) return propagate(pair);
     move_lidar(pair->scan, motion);
-    return SeenFrame{*std::move(pair)};
+    if (!has_stereo) pair->right_image.reset();
+    SeenFrame seen{*std::move(pair)};
+    // What was measured, in the pixels of the image.
+    if (seen.depth && !recording.depth_camera() && seen.depth->width == seen.image.width &&
+        seen.depth->height == seen.image.height)
+      for (const float inverse : seen.depth->inverse_depth) seen.depth_m.push_back(1 / inverse);
+    return seen;
   };
   return Vehicle{.camera = recording.camera(),
-                 .baseline_m = *recording.baseline_m(),
+                 .baseline_m = has_stereo ? *recording.baseline_m() : 0,
                  .T_camera_lidar = recording.T_camera_lidar(),
                  .frame = frame};
 }

@@ -50,8 +50,8 @@ constexpr double weave_period_s = 6;
 /// alone.
 [[nodiscard]] Result<Vehicle> simulated_vehicle(const Simulation& simulation);
 
-/// Drives as recorded, from the beginning again after the last frame. Fails with `no_right_images` when the recording
-/// has no stereo camera.
-[[nodiscard]] Result<Vehicle> recorded_vehicle(const Recording& recording);
+/// Drives as recorded, from the beginning again after the last frame. Without a stereo camera whose images are
+/// rectified it has one camera; where `needs_stereo` that fails with `no_right_images`.
+[[nodiscard]] Result<Vehicle> recorded_vehicle(const Recording& recording, bool needs_stereo = true);
 
 }  // namespace calib::vehicle
