@@ -182,10 +182,8 @@ void CommandLine::add_recording(CLI::App& to, bool or_simulation) {
         ->capture_default_str();
   }
   to.add_option("--drive", recording_frames_.drive, "Drive of kitti-360, scene of nuscenes (default: all)");
-  to.add_option(
-      "--camera", recording_frames_.camera,
-      "image_00 .. image_03; default image_02 of kitti-raw, image_00 of kitti-360; image_2 (default) or image_3 "
-      "of kitti-object; CAM_FRONT (default) and others of nuscenes");
+  to.add_option("--camera", recording_frames_.camera,
+                "image_00 .. image_03, image_2, image_3, CAM_FRONT, ..., as the layout names them");
   to.add_option("--cloud-layout", recording_frames_.cloud_layout,
                 "Numbers of a point in .bin clouds: float32x4 (as KITTI), float32x5 (as nuScenes), float64x4, ...")
       ->needs(dataset)
@@ -208,8 +206,7 @@ void CommandLine::add_recording(CLI::App& to, bool or_simulation) {
   to.add_option("--depth-scale", recording_frames_.depth_scale, "What is stored divided by this is the value")
       ->needs(folder)
       ->check(number(1e-9, 1e9));
-  to.add_flag("--monocular-depth", recording_frames_.monocular_files,
-              "The depth in the files is of one image, by a network, as that of onnx: is");
+  to.add_flag("--monocular-depth", recording_frames_.monocular_files, "The depth in the files is of a single image");
   to.add_option("--depth-bias", recording_frames_.depth_bias,
                 "Spoil the depth by a smooth random field of this amplitude")
       ->check(number(0, 0.99))
