@@ -70,10 +70,7 @@ PairDecision PairPipeline::decide(const PairState& state, Measurement measuremen
   evidence.same_scene = same_scene;
   DriftMonitor drift = monitor(after);
   if (const auto observed = drift.observe(evidence); !observed) return decide(state, Skip{observed.error()}, now);
-  if (measurement.optimum)
-    (speaks_of_drift(state.drift.verdict) ? after.run.optimum : after.usual_optimum) = measurement.optimum;
   after.drift = drift.state();
-  if (!speaks_of_drift(after.drift.verdict)) after.run.optimum.reset();
   after.last_evaluated = now.time.wall;
   ++after.evaluated;
   after.last_stamp = measurement.image_stamp;
@@ -81,6 +78,11 @@ PairDecision PairPipeline::decide(const PairState& state, Measurement measuremen
   after.score = PairStatus::Score{measurement.stencil.current, measurement.stencil.best_neighbour(),
                                   baseline.pairs > 0 ? std::optional(baseline.score) : std::nullopt};
   PairRun& run = after.run;
+  if (measurement.optimum) {
+    run.optimum = *measurement.optimum ? std::optional(**measurement.optimum) : std::nullopt;
+    run.searched_at = after.evaluated;
+  }
+  if (!speaks_of_drift(after.drift.verdict)) run.optimum.reset(), run.searched_at.reset();
   run.windows_without_evidence = 0;
   ++run.pairs;
   run.received = {now.boot_id, measurement.received};

@@ -19,8 +19,8 @@ PairDecision PairPipeline::put_in_force(CalibrationRecord record, const PairStat
                     : DriftState{};
   after.set({Verdict::not_evaluated, ErrorCode::no_pair_yet,
              fmt::format("no pair was evaluated yet at the extrinsic of record {}", now.next_sequence)});
-  after.usual_optimum.reset();
   after.run.optimum.reset();
+  after.run.searched_at.reset();
   after.score.reset();
   after.proposed_record.reset();
   after.unresolved.reset();

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 
 #include "pair_pipeline.hpp"
@@ -5,38 +6,43 @@
 namespace calib {
 namespace {
 
-/// There is a search over the first pairs since the onset that suffice, and then one in so many pairs.
+/// A search uses the latest pairs since the onset, as soon as they suffice, and then once in so many pairs.
+constexpr std::size_t most_frames = 12;
 constexpr std::uint64_t pairs_between_searches = 8;
 
 }  // namespace
 
-/// Where the optimum lies, when that is wanted: since the onset while there is evidence of drift, and once of as many
-/// pairs as a recalibration takes when the baseline has been learned. A search that finds nothing costs its result.
-std::optional<Misalignment> PairPipeline::optimum(const PairState& state, const FeatureSet& latest,
-                                                  const std::function<bool()>& keep_going) const {
+/// Nothing when there is no search now, or when it was ended. What it throws costs the search and no more.
+std::optional<Result<Misalignment>> PairPipeline::find_optimum(const PairState& state, const Measurement& latest,
+                                                               const std::function<bool()>& keep_going) const try {
+  if (!speaks_of_drift(state.drift.verdict)) return std::nullopt;
+  if (state.run.searched_at && state.evaluated < *state.run.searched_at + pairs_between_searches) return std::nullopt;
   std::vector<const FeatureSet*> frames = eligible_frames(state);
-  frames.push_back(&latest);
-  const bool drift = speaks_of_drift(state.drift.verdict);
-  if (!drift && (state.usual_optimum || !monitor(state).learned())) return std::nullopt;
-  const std::size_t fewest = drift ? fewest_misalignment_frames : wanted_frames();
-  const bool first = drift && !state.run.optimum && frames.size() == fewest;
-  if (frames.size() < fewest || (!first && state.run.pairs % pairs_between_searches != 0)) return std::nullopt;
-  const auto found = find_misalignment(
+  if (!frames.empty() && shows_same_scene(state, latest)) frames.pop_back();  // it gives way to this one
+  frames.push_back(&latest.features);
+  if (frames.size() < fewest_misalignment_frames) return std::nullopt;
+  if (frames.size() > most_frames) frames.erase(frames.begin(), frames.end() - most_frames);
+  auto found = find_misalignment(
       frames, state.T_camera_lidar,
       {.bounds = settings_.bounds, .monocular_depth = settings_.monocular_depth, .keep_going = keep_going});
-  return found ? std::optional(*found) : std::nullopt;
+  if (!found && found.error().code == ErrorCode::cancelled) return std::nullopt;
+  return found;
+} catch (const std::exception& exception) {
+  return fail(ErrorCode::search_failed, std::string("the search was broken off: ") + exception.what());
 }
 
-/// By the search.
+/// By the search. By how much the depth source shifts the optimum is part of its variance: as the slopes of the
+/// baseline have it, or as much as is allowed for where there is no baseline.
 std::optional<Misalignment> PairPipeline::found_misalignment(const PairState& state) const {
-  if (!state.run.optimum || !speaks_of_drift(state.drift.verdict)) return std::nullopt;
-  if (state.usual_optimum) return state.run.optimum->since(*state.usual_optimum);
-  // By how much the depth source shifts the optimum is not known.
+  if (!state.run.optimum) return std::nullopt;
+  const DriftBaseline& baseline = state.drift.baseline;
+  const bool learned = monitor(state).learned();
   Misalignment estimate = *state.run.optimum;
   for (int axis = 0; axis < 6; ++axis) {
-    const double bias = axis < 3 ? settings_.drift.max_bias_rotation_rad : settings_.drift.max_bias_translation_m;
+    double bias = axis < 3 ? settings_.drift.max_bias_rotation_rad : settings_.drift.max_bias_translation_m;
+    if (learned && baseline.observable(axis)) bias = baseline.slope[axis] / baseline.sensitivity(axis, axis);
     const double bound = axis < 3 ? settings_.bounds.rotation_rad : settings_.bounds.translation_m;
-    estimate.covariance(axis, axis) += std::pow(std::min(bias, bound), 2);
+    estimate.covariance(axis, axis) += std::pow(std::min(std::abs(bias), bound), 2);
   }
   return estimate;
 }

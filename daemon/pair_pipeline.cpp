@@ -87,7 +87,7 @@ Result<Measurement> PairPipeline::measure(const FramePair& pair, const PairState
   // What an extrinsic on probation has to be better than.
   if (state.probation)
     measurement.previous_score = score(measurement.features, state.T_camera_lidar_before, objective).value;
-  measurement.optimum = optimum(state, measurement.features, keep_going);
+  measurement.optimum = find_optimum(state, measurement, keep_going);
   return measurement;
 }
 
@@ -145,8 +145,6 @@ void PairPipeline::set_evidence_aside(PairState& state, const Now& now) const {
     state.unresolved = "it was drifted before its evidence was set aside";
   state.evidence_sha256 = settings_.evidence_sha256;
   state.drift = {};
-  state.usual_optimum.reset();
-  state.run.optimum.reset();
   state.score.reset();
   state.proposed_record.reset();
   if (state.probation) state.probation.emplace();

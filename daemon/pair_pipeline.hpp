@@ -47,7 +47,8 @@ struct Measurement {
   Stencil stencil;
   std::optional<Matrix6> sensitivity = {};    // while the baseline is learned
   std::optional<double> previous_score = {};  // during a probation, at the extrinsic before
-  std::optional<Misalignment> optimum = {};   // now and then, by a search over this pair and those before it
+  /// While there is evidence of drift, now and then: of a search over this pair and those since the onset.
+  std::optional<Result<Misalignment>> optimum = {};
   SceneThumbnail thumbnail = {};
   Timestamp image_stamp{};
   std::chrono::nanoseconds received{};  // since boot: when the last of its samples had arrived
@@ -147,7 +148,7 @@ class PairPipeline {
   [[nodiscard]] Result<RestoredPair> restore(const Result<std::optional<PairState>>& saved,
                                              const RigidTransform& T_camera_lidar, const Now& now) const;
 
-  /// Quality, depth, features, stencil, and where the optimum lies when that is wanted: then it takes a second or two.
+  /// Quality, depth, features, stencil, and where the optimum lies when that is wanted: that takes a second or two.
   /// `keep_going` as of `search`; false leaves the optimum out. Fails with the reason why the pair carries no
   /// information, for `Skip`.
   [[nodiscard]] Result<Measurement> measure(const FramePair& pair, const PairState& state, DepthEstimator& depth,
@@ -182,8 +183,8 @@ class PairPipeline {
                                              std::string reason) const;
 
   // pair_optimum.cpp
-  [[nodiscard]] std::optional<Misalignment> optimum(const PairState& state, const FeatureSet& latest,
-                                                    const std::function<bool()>& keep_going) const;
+  [[nodiscard]] std::optional<Result<Misalignment>> find_optimum(const PairState& state, const Measurement& latest,
+                                                                 const std::function<bool()>& keep_going) const;
   [[nodiscard]] std::optional<Misalignment> found_misalignment(const PairState& state) const;
   [[nodiscard]] std::optional<Misalignment> misalignment(const PairState& state) const;
 

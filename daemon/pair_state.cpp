@@ -162,16 +162,6 @@ PairStatus::Score score_from(const json& in) {
   return score;
 }
 
-json optimum_json(const Misalignment& optimum) {
-  return {{"delta", numbers(optimum.delta)}, {"covariance", numbers(optimum.covariance.reshaped())}};
-}
-
-Misalignment optimum_from(const json& in) {
-  const Misalignment optimum{vector6(in.at("delta")), matrix6(in.at("covariance"))};
-  if (optimum.covariance.diagonal().minCoeff() < 0) throw std::invalid_argument("an optimum");
-  return optimum;
-}
-
 json probation_json(const Probation& probation) {
   return {{"pairs", probation.pairs}, {"gain", probation.gain}, {"gain_squares", probation.gain_squares}};
 }
@@ -206,9 +196,8 @@ bool Probation::exceeds(double sigmas) const {
 }
 
 std::string to_text(const PairState& state) {
-  return json{{"schema", 6},
+  return json{{"schema", 5},
               {"drift", drift_json(state.drift)},
-              {"usual_optimum", optional(state.usual_optimum, optimum_json)},
               {"evidence_sha256", state.evidence_sha256},
               {"unresolved", optional(state.unresolved, [](const std::string& why) { return json(why); })},
               {"verdict", to_string(state.verdict)},
@@ -231,10 +220,9 @@ std::string to_text(const PairState& state) {
 Result<PairState> parse_pair_state(std::string_view text) {
   try {
     const json in = json::parse(text);
-    if (in.at("schema") != 6) return fail(ErrorCode::malformed_state, "the saved state is of another version");
+    if (in.at("schema") != 5) return fail(ErrorCode::malformed_state, "the saved state is of another version");
     PairState state;
     state.drift = drift_from(in.at("drift"));
-    if (!in.at("usual_optimum").is_null()) state.usual_optimum = optimum_from(in.at("usual_optimum"));
     state.evidence_sha256 = in.at("evidence_sha256").get<std::string>();
     if (!in.at("unresolved").is_null()) state.unresolved = in.at("unresolved").get<std::string>();
     const auto verdict = parse_verdict(in.at("verdict").get<std::string>());

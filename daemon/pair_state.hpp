@@ -39,8 +39,10 @@ struct PairRun {
   std::optional<SceneThumbnail> last_image;
   /// Of the pair that was evidence last but for those of its own scene.
   std::optional<SceneThumbnail> scene;
-  /// While there is evidence of drift: where a search over the pairs since its onset finds the optimum.
+  /// While there is evidence of drift: where the latest search over pairs since its onset found the optimum, if it did,
+  /// and `PairState::evaluated` at that search.
   std::optional<Misalignment> optimum;
+  std::optional<std::uint64_t> searched_at;
   /// Windows in turn without evidence, and why the last of them had none.
   int windows_without_evidence = 0;
   std::optional<Error> last_skip;
@@ -52,8 +54,6 @@ struct PairRun {
 /// What is known of a pair. The extrinsics come from the records, and `run` ends with the process; all else is saved.
 struct PairState {
   DriftState drift;
-  /// Where a search finds the optimum while there is no drift: depth shifts it. Nothing before the baseline is learned.
-  std::optional<Misalignment> usual_optimum;
   /// Digest of what `drift` was measured with; empty while there is none.
   std::string evidence_sha256;
   Verdict verdict = Verdict::not_evaluated;

@@ -50,11 +50,14 @@ Result<Misalignment> find_misalignment(Frames frames, const RigidTransform& T_ca
   if (!turned) return propagate(turned);
   if (settings.monocular_depth) return turned->misalignment;
   const auto moved = found_by(frames, T_camera_lidar, settings);
-  if (!moved) return propagate(moved);
+  if (!moved && moved.error().code != ErrorCode::search_failed) return propagate(moved);
+  if (!moved) return turned->misalignment;
   const SearchResult& all = moved->result;
   if (gain(frames, turned->result.T_camera_lidar, all.T_camera_lidar, all.objective).exceeds(slides_sigmas))
     return moved->misalignment;
-  turned->misalignment.covariance.bottomRightCorner<3, 3>() = moved->misalignment.covariance.bottomRightCorner<3, 3>();
+  Matrix6 covariance = moved->misalignment.covariance;
+  covariance.diagonal() += all.delta.cwiseAbs2();
+  turned->misalignment.covariance.bottomRightCorner<3, 3>() = covariance.bottomRightCorner<3, 3>();
   return turned->misalignment;
 }
 

@@ -163,7 +163,7 @@ Objection score_not_restored(const Candidate& candidate, const BaselineScore& ba
 
 Result<Objection> not_repeatable(const Candidate& candidate, const std::function<bool()>& keep_going,
                                  int& evaluations) {
-  // Near enough that no grid search is needed, and far enough for the basin of another local maximum.
+  // Near enough that good depth needs no grid search, and far enough for the basin of another local maximum.
   const SearchSettings near{.bounds = {2.4 * radians_per_degree, 0.5},
                             .free_axes = candidate.free_axes,
                             .monocular_depth = candidate.monocular_depth,

@@ -94,7 +94,8 @@ Result<RigidTransform> turn_monocular(SearchSteps& steps, const RigidTransform& 
   const double spacing = std::clamp(reach_rad / 5, 1.5 * radians_per_degree, 2.5 * radians_per_degree);
   auto beginnings = steps.best_of_grid(T_base, reach_rad, spacing, coarser_monocular(reach_rad > wide_rad ? 32 : 8),
                                        reach_rad > wide_rad ? 6 : 3);
-  beginnings.push_back(T_base);
+  const auto is_base = [&](const RigidTransform& beginning) { return beginning.isApprox(T_base); };
+  if (std::ranges::none_of(beginnings, is_base)) beginnings.push_back(T_base);
   RigidTransform best = T_base;
   double most = -std::numeric_limits<double>::infinity();
   for (const RigidTransform& beginning : beginnings) {
@@ -108,7 +109,7 @@ Result<RigidTransform> turn_monocular(SearchSteps& steps, const RigidTransform& 
 }
 
 /// With monocular depth. Its bias moves the maximum of depth alone by degrees where a scene has little else, so that
-/// brightness and edges have their say from the beginning.
+/// brightness and edges have their say from the beginning, but for bounds so wide that only depth leads the way.
 Result<Optimum> search_monocular(SearchSteps& steps, const RigidTransform& T_start, const SearchSettings& settings) {
   constexpr double farthest_rad = 30 * radians_per_degree, near_rad = 6 * radians_per_degree;
   const Objective last = drift_objective(true);

@@ -157,28 +157,40 @@ TEST_CASE("a dry run decides and changes nothing") {
   CHECK(loop.state().T_camera_lidar.matrix() == drive.vehicle.T_camera_lidar.matrix());
 }
 
-TEST_CASE("how far the LiDAR has moved is what a search finds, less what it finds while there is no drift") {
+TEST_CASE("how far the LiDAR has moved is what a search finds while there is evidence of drift") {
   const Drive drive(77);
   test::PairLoop loop = drive.loop(RecalibrationMode::propose);
   CHECK_FALSE(loop.status().misalignment);
-  for (int i = 0; i < 24; ++i) REQUIRE(drive.evaluate(loop, drive.pair(i)));
-  REQUIRE(loop.state().usual_optimum);
-  CHECK_FALSE(loop.state().run.optimum);
-  int next = 24;
+  int next = 0;
+  for (; next < 24; ++next) REQUIRE(drive.evaluate(loop, drive.pair(next)));
+  CHECK_FALSE(loop.state().run.searched_at);
   for (; next < 50 && !loop.state().run.optimum; ++next) REQUIRE(drive.evaluate(loop, drive.pair(next, yaw(2))));
   REQUIRE(loop.state().verdict == Verdict::drifted);
   REQUIRE(loop.state().run.optimum);
   const auto shown = *loop.status().misalignment;
-  CHECK(shown.delta == loop.state().run.optimum->delta - loop.state().usual_optimum->delta);
+  CHECK(shown.delta == loop.state().run.optimum->delta);
   CHECK(shown.delta[2] == Approx(2 * radians_per_degree).margin(3 * shown.sigma[2]));
   CHECK(shown.sigma[2] < 0.3 * radians_per_degree);
   CHECK_THAT(loop.state().reason,
              Catch::Matchers::ContainsSubstring("yaw 2.") || Catch::Matchers::ContainsSubstring("yaw 1.9"));
+
+  // It holds for some pairs, and a search that finds nothing within the bounds takes it back.
+  const std::uint64_t searched_at = *loop.state().run.searched_at;
+  REQUIRE(drive.evaluate(loop, drive.pair(next++, yaw(2))));
+  CHECK(loop.state().run.searched_at == searched_at);
+  test::PairLoop lost = loop;
+  auto measurement = test::require_ok(lost.measure(drive.pair(next, yaw(2)), *drive.depth));
+  measurement.optimum = fail(ErrorCode::search_failed, "ends at the limit of yaw");
+  REQUIRE(lost.decide(std::move(measurement)));
+  CHECK_FALSE(lost.state().run.optimum);
+  CHECK(lost.state().run.searched_at == lost.state().evaluated);
+
   // It ends with the drift.
   for (; next < 90 && loop.state().verdict != Verdict::calibrated; ++next)
     REQUIRE(drive.evaluate(loop, drive.pair(next)));
   REQUIRE(loop.state().verdict == Verdict::calibrated);
   CHECK_FALSE(loop.state().run.optimum);
+  CHECK_FALSE(loop.state().run.searched_at);
 }
 
 TEST_CASE("windows without a measurement are counted by reason; the second in turn takes the verdict away") {

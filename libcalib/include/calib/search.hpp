@@ -13,8 +13,10 @@ namespace calib {
 enum class Method {
   /// calibd's own. Normalised mutual information of ranks, from a coarse grid search by few classes to many. Where only
   /// the rotation is searched, the last stage ranks depth by tiles, so that a spatially varying bias of the depth has
-  /// no
-  /// effect. Intensity is a second term; where it carries no information (night, no reflectance) it is constant.
+  /// no effect. Intensity is a second term; where it carries no information (night, no reflectance) it is constant.
+  /// Where
+  /// translation is searched, edges are another, which a bias of the depth does not reach. With monocular depth all
+  /// stages use tiles, intensity and edges.
   standard,
   /// The paper's D2D objective and Algorithm 1: one BOBYQA from the start.
   d2d,
