@@ -79,10 +79,11 @@ def test_a_missing_record_is_not_found(calibctl, arguments, exit_code):
 
 
 def test_untrusted_text_does_not_control_the_terminal(calibctl):
-    for command in (["history"], ["show", "2"], ["show", "2", "--json"], ["status"], ["status", "--json"]):
+    for command in (["history"], ["show", "2"], ["show", "2", "--json"], ["status", "front"], ["status", "--json"]):
         shown = calibctl(*command)
         assert is_plain(shown.out), command
         assert "title" in shown.out  # it is there, escaped
+    assert is_plain(calibctl("status").out)
 
 
 def test_the_json_of_a_record_is_the_record(calibctl, schema, tmp_path):

@@ -1,12 +1,18 @@
 """status without a daemon, and calibctl against a peer that does not keep to proto/control.md."""
 
+import copy
+import datetime
+import fcntl
 import json
 import os
 import pty
+import re
 import signal
 import socket
 import sqlite3
+import struct
 import subprocess
+import termios
 import threading
 import time
 
@@ -75,8 +81,75 @@ def test_the_snapshot_of_a_daemon_that_does_not_run_is_shown_as_such(calibctl, s
     assert "NOT RUNNING; this is its last snapshot, 9" in text.out
 
 
+def row_of(pair, table):
+    """The cells of a pair in the table of `calibctl status`."""
+    return next(re.split(r"  +", line.strip()) for line in table.splitlines() if line.startswith(pair + " "))
+
+
+def of_four_pairs(status):
+    """A status of four pairs, one of them in trouble."""
+    front = status["pairs"][0]
+    front["inputs"]["cloud"]["age_s"] = 0.75
+    for name, change in (("rear", {"verdict": "drifted", "misalignment": None, "axes": None}),
+                         ("left_of_the_roof", {"verdict": "suspect"}),
+                         ("right", {"verdict": "not_evaluated", "cause": "dark", "reason": "dark: " + "many words " * 30,
+                                    "misalignment": None, "axes": None,
+                                    "proposed": {"T_camera_lidar": front["T_camera_lidar"], "record_sequence": 4}})):
+        pair = copy.deepcopy(front)
+        pair.update(name=name, reason="why " * 40, record=None)
+        pair.update(change)
+        status["pairs"].append(pair)
+    status["pairs"][2]["misalignment"]["rotation_deg"] = [-12.5, 0.25, 0.1]
+    status["pairs"][2]["misalignment"]["sigma_rotation_deg"] = [0.5, 0.25, 0.125]
+    status["pairs"][2]["misalignment"]["translation_cm"] = [0, 0, 0]
+    since = datetime.datetime.now(datetime.timezone.utc) - datetime.timedelta(minutes=34)
+    status["pairs"][2]["since"] = since.strftime("%Y-%m-%dT%H:%M:%SZ")
+    return status
+
+
+def test_a_status_of_four_pairs_fits_a_screen(calibctl, peer):
+    peer({"ok": True, "status": of_four_pairs(json.loads(calibctl.snapshot.read_text()))})
+    shown = calibctl("status")
+    lines = shown.out.splitlines()
+    assert len(lines) <= 24 and all(len(line) <= 100 for line in lines), shown.out
+    header = next(line for line in lines if line.startswith("PAIR "))
+    assert re.split(r"  +", header) == ["PAIR", "VERDICT", "SINCE", "WORST AXIS", "RECORD", "DATA AGE"]
+    rows = {name: lines[lines.index(header) + 1 + number] for number, name in
+            enumerate(("front", "rear", "left_of_the_roof", "right"))}
+    for name, row in rows.items():  # a column begins where its title does
+        assert row.startswith(name)
+        assert all(row[at - 1] == " " != row[at] for at in (header.index(title) for title in ("VERDICT", "SINCE", "WORST", "RECORD", "DATA")))
+    assert row_of("front", shown.out)[3:] == ["y 2.0 +- 0.1 cm to the left", "3 verified", "0.8 s"]
+    assert row_of("rear", shown.out)[1] == "drifted" and row_of("rear", shown.out)[3] == "not estimated yet"
+    assert row_of("left_of_the_roof", shown.out)[1:4] == ["suspect", "34 min", "roll 12.50 +- 0.50 deg left side down"]
+    assert row_of("right", shown.out)[1] == "not evaluated" and row_of("right", shown.out)[3] == "-"
+    assert any(line.startswith("right: dark: many words") and line.endswith("...") for line in lines)
+    assert "right: record 4 is proposed, not in force; to put it in force: calibctl accept right" in lines
+    rear = calibctl("status", "rear").out
+    assert "LiDAR has moved : not estimated yet\n" in rear and "front" not in rear
+
+
+def test_a_pair_can_be_asked_for_alone(calibctl, peer, schema):
+    peer({"ok": True, "status": of_four_pairs(json.loads(calibctl.snapshot.read_text()))})
+    status = json.loads(calibctl("status", "front", "--json").out)
+    schema("status", status)
+    assert [pair["name"] for pair in status["pairs"]] == ["front"]
+    assert calibctl("status", "front", "--exit-code").exit == DONE
+    unknown = calibctl("status", "roof\x1b[2J")
+    assert unknown.exit == NOT_FOUND and unknown.out == ""
+    assert unknown.err == "calibctl: there is no pair 'roof\\x1b[2J'; there is: front, rear, left_of_the_roof, right\n"
+
+
+def test_the_data_of_a_snapshot_age_with_it(calibctl):
+    status = json.loads(calibctl.snapshot.read_text())
+    status["pairs"][0]["inputs"]["cloud"]["age_s"] = 2
+    calibctl.snapshot.write_text(json.dumps(status))
+    os.utime(calibctl.snapshot, (time.time() - 3600, time.time() - 3600))
+    assert row_of("front", calibctl("status").out)[5] == "60 min"
+
+
 def test_status_has_words_for_signs_and_aligned_colons(calibctl):
-    out = calibctl("status").out
+    out = calibctl("status", "front").out
     for words in ("Verdict         : calibrated\n", "Roll            : 0.10 degrees right side down, sigma 0.06; detection limit 0.11",
                   "Pitch           : 0.20 degrees nose up", "Yaw             : 0.60 degrees to the left",
                   "X               : not observable\n", "Y               : 2.0 cm to the left, sigma 0.1; detection limit 0.2\n",
@@ -97,7 +170,7 @@ def test_status_lines_are_short_and_each_detail_has_a_line_of_its_own(calibctl, 
     pair["inputs"]["image"]["topic"] = "/" + "a" * 200
     status["records"]["missing"] = "records that calibd had written are missing: " + "some words " * 20
     peer({"ok": True, "status": status})
-    lines = calibctl("status").out.splitlines()
+    lines = calibctl("status", "front").out.splitlines()
     assert all(len(line) <= 100 for line in lines if "aaaa" not in line)
     assert all(line[16:18] == ": " for line in lines if line)
     first = lines.index("Reason          : sensor_silent: no image arrived")
@@ -129,7 +202,8 @@ def test_a_verdict_without_valid_evidence_is_not_shown(calibctl, peer, schema, c
         schema("status", shown)
         assert shown["pairs"][0]["verdict"] == "not_evaluated"
         assert shown["pairs"][0]["reason"].endswith("; it was calibrated when last evaluated")
-        assert "Verdict         : not evaluated" in calibctl("status").out
+        assert "Verdict         : not evaluated" in calibctl("status", "front").out
+        assert row_of("front", calibctl("status").out)[1] == "not evaluated"
     assert calibctl("status", "--exit-code").exit == NO
 
 
@@ -143,7 +217,9 @@ def test_a_record_that_does_not_verify_is_not_shown_as_verified(calibctl, spoil)
     assert shown.exit == NO
     record = json.loads(shown.out)["pairs"][0]["record"]
     assert record["verified"] is False and record["verified_by"] == "calibctl"
-    assert "NOT VERIFIED" in calibctl("status").out
+    assert "NOT VERIFIED" in calibctl("status", "front").out
+    table = calibctl("status").out
+    assert row_of("front", table)[4] == "3 UNVERIFIED" and "front: record NOT VERIFIED: " in table
 
 
 @pytest.mark.parametrize("change", [
@@ -175,8 +251,9 @@ def test_verification_by_the_daemon_is_distinguished_from_that_by_calibctl(calib
     assert status["daemon"]["running"] is True
     assert status["pairs"][0]["record"]["verified_by"] == "calibctl"
     calibctl.public_key.unlink()
-    shown = calibctl("status")
+    shown = calibctl("status", "front")
     assert shown.exit == DONE and "verified by calibd, not checked by calibctl" in shown.out
+    assert row_of("front", calibctl("status").out)[4] == "3 by calibd"
 
 
 @pytest.mark.parametrize("verdict, exit_code", [("calibrated", DONE), ("suspect", NO), ("drifted", NO), ("not_evaluated", NO)])
@@ -284,33 +361,82 @@ def test_requests_are_the_documented_ones(calibctl, peer, arguments, question):
     assert all(line.endswith(b"\n") for line in listening.questions)
 
 
-def on_terminal(command, environment, enough):
-    """What `command` writes to a terminal until `enough(seen)`, and the exit that follows an interrupt."""
+def on_terminal(command, environment, enough, rows=24):
+    """What `command` writes to a terminal until `enough(seen)` and then to its end, and the exit after an interrupt."""
     master, slave = pty.openpty()
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", rows, 100, 0, 0))
     running = subprocess.Popen(command, stdin=slave, stdout=slave, stderr=slave, env={**os.environ, **environment})
     os.close(slave)
     seen = b""
     try:
         while not enough(seen):
             seen += os.read(master, 65536)
-    finally:
         running.send_signal(signal.SIGINT)
         exit_code = running.wait(timeout=20)
+        try:
+            while more := os.read(master, 65536):
+                seen += more
+        except OSError:
+            pass  # the end of a terminal that nobody has open any more
+    finally:
+        running.kill()
         os.close(master)
     return seen, exit_code
 
 
-def test_watch_redraws_until_interrupted(calibctl):
-    redraw = b"\x1b[H\x1b[2JVehicle"
-    _, exit_code = on_terminal(calibctl.command("status", "--watch"), {"TERM": "xterm"}, lambda seen: seen.count(redraw) == 2)
+def test_watch_redraws_in_place_and_leaves_the_terminal_as_it_was(calibctl):
+    seen, exit_code = on_terminal(calibctl.command("status", "--watch"), {"TERM": "xterm"},
+                                  lambda seen: seen.count(b"\x1b[HVehicle") == 2)
     assert exit_code == DONE
+    enter, leave = b"\x1b[?1049h\x1b[?25l\x1b[?7l", b"\x1b[?7h\x1b[?25h\x1b[?1049l"
+    assert seen.startswith(enter) and seen.endswith(leave) and seen.count(enter) == seen.count(leave) == 1
+    assert b"\x1b[2J" not in seen, "the screen is not cleared"
+    drawn = [row for row in seen.split(b"\x1b[HVehicle")[1].split(b"\r\n") if row]
+    assert all(row.rstrip(b"\r").removesuffix(b"\x1b[J").endswith(b"\x1b[K") for row in drawn), "each row is overwritten to its end"
+
+
+def test_watch_shows_as_many_rows_as_the_terminal_has(calibctl):
+    seen, exit_code = on_terminal(calibctl.command("status", "--watch"), {"TERM": "xterm"},
+                                  lambda seen: seen.count(b"\x1b[HVehicle") == 2, rows=3)
+    assert exit_code == DONE
+    assert seen.split(b"\x1b[HVehicle")[1].count(b"\r\n") == 2 and b"VERDICT" not in seen
+
+
+def test_watch_on_a_terminal_that_cannot_redraw_repeats_the_status(calibctl):
+    seen, exit_code = on_terminal(calibctl.command("status", "--watch"), {"TERM": "dumb"},
+                                  lambda seen: seen.count(b"Vehicle") == 2)
+    assert exit_code == DONE and b"\x1b" not in seen
+    with subprocess.Popen(calibctl.command("status", "--watch"), stdout=subprocess.PIPE) as running:
+        heads = [line for line in (running.stdout.readline() for _ in range(14)) if line.startswith(b"Vehicle")]
+        running.send_signal(signal.SIGINT)
+        assert running.wait(timeout=20) == DONE and len(heads) == 2
+
+
+def test_a_watch_that_is_stopped_gives_the_terminal_back_and_goes_on(calibctl):
+    master, slave = pty.openpty()
+    running = subprocess.Popen(calibctl.command("status", "--watch"), stdin=slave, stdout=slave, stderr=slave,
+                               env={**os.environ, "TERM": "xterm"})
+    os.close(slave)
+    seen = b""
+    try:
+        for number, expected in ((signal.SIGTSTP, b"DATA AGE"), (signal.SIGCONT, b"\x1b[?1049l"), (signal.SIGHUP, b"DATA AGE")):
+            while expected not in seen:
+                seen += os.read(master, 65536)
+            seen = b""
+            running.send_signal(number)
+            if number == signal.SIGTSTP:
+                assert os.WIFSTOPPED(os.waitpid(running.pid, os.WUNTRACED)[1])
+        assert running.wait(timeout=20) == DONE
+    finally:
+        running.kill()
+        os.close(master)
 
 
 def test_the_verdict_is_coloured_on_a_terminal_only(calibctl):
     command = calibctl.command("status", "--watch")
 
     def all_shown(seen):
-        return b"before image" in seen
+        return b"never" in seen
 
     seen, _ = on_terminal(command, {"TERM": "xterm", "NO_COLOR": ""}, all_shown)
     assert b"\x1b[32mcalibrated\x1b[0m" in seen

@@ -37,6 +37,7 @@ struct Paths {
 Exit print_error(const Error& error);
 
 struct StatusOptions {
+  std::string pair;  // a row for each of all pairs when empty
   bool json = false, watch = false, exit_code = false;
 };
 Exit status(const Paths& paths, const StatusOptions& options);

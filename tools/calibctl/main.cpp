@@ -83,6 +83,7 @@ CommandLine::CommandLine() {
 
   auto* const ask_status =
       subcommand("status", "Show the verdict of every pair", [this] { return ctl::status(paths, status); });
+  ask_status->add_option("PAIR", status.pair, "Show everything about this pair; one row a pair if not given");
   ask_status->add_flag("--json", status.json, "Print JSON as defined by status.schema.json");
   ask_status->add_flag("--watch", status.watch, "Repeat every second, until interrupted");
   ask_status->add_flag("--exit-code", status.exit_code, "Exit with 4 unless every pair is calibrated");
