@@ -50,6 +50,7 @@ struct CommandLine {
   CLI::App app{"Show, verify and change what calibd does about the extrinsics of a vehicle", "calibctl"};
   Paths paths = default_paths();
   StatusOptions status;
+  WaitOptions wait;
   ShowOptions show;
   DoctorOptions doctor;
   ExplainOptions explain;
@@ -68,6 +69,7 @@ struct CommandLine {
     added->callback([this, run = std::move(run)] { command = run; });
     return added;
   }
+  void add_wait();
   void add_records();
   void add_requests();
   void add_doctor();
@@ -87,6 +89,7 @@ CommandLine::CommandLine() {
   ask_status->add_flag("--json", status.json, "Print JSON as defined by status.schema.json");
   ask_status->add_flag("--watch", status.watch, "Repeat every second, until interrupted");
   ask_status->add_flag("--exit-code", status.exit_code, "Exit with 4 unless every pair is calibrated");
+  add_wait();
   add_records();
   add_requests();
   add_doctor();
@@ -106,6 +109,34 @@ CommandLine::CommandLine() {
   auto* const make_key =
       subcommand("keygen", "Make a signing key and its public key", [this] { return keygen(key_file); });
   make_key->add_option("--out", key_file, "Secret key; the public key gets the extension .pub")->required();
+}
+
+void CommandLine::add_wait() {
+  auto* const until = subcommand("wait", "Wait until the running calibd says that a state is reached",
+                                 [this] { return ctl::wait(paths, wait); });
+  until->add_option("PAIR", wait.pair, "Of all pairs if not given");
+  until
+      ->add_option_function<std::string>(
+          "--for",
+          [this](const std::string& text) {
+            for (const WaitFor state :
+                 {WaitFor::calibrated, WaitFor::drifted, WaitFor::not_evaluated, WaitFor::any_change})
+              if (to_string(state) == text) wait.what = state;
+          },
+          "calibrated, drifted, not_evaluated or any-change")
+      ->required()
+      ->check(CLI::IsMember({"calibrated", "drifted", "not_evaluated", "any-change"}));
+  until
+      ->add_option_function<std::string>(
+          "--timeout",
+          [this](const std::string& text) {
+            const auto timeout = parse_duration(text);
+            if (!timeout) throw CLI::ValidationError("--timeout", text + " is not a time such as 60s, 2min or 1h");
+            wait.timeout = *timeout;
+          },
+          "Exit with 5 after this time: 60s, 500ms, 2min, 1h")
+      ->default_str("60s");
+  until->add_flag("--json", wait.json, "Print JSON as defined by wait.schema.json");
 }
 
 void CommandLine::add_doctor() {
