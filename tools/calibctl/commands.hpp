@@ -68,6 +68,9 @@ struct ShowOptions {
 };
 Exit show(const Paths& paths, const ShowOptions& options);
 
+/// Writes every record up to the first that does not verify, as `ShowOptions::export_to` does one.
+Exit export_all(const Paths& paths, const std::filesystem::path& folder);
+
 /// Verifies `files` (exported records, in any order), or the whole chain of the store when there are none.
 Exit verify(const Paths& paths, const std::vector<std::filesystem::path>& files);
 

@@ -55,10 +55,10 @@ struct CommandLine {
   DoctorOptions doctor;
   ExplainOptions explain;
   std::string pair;
-  bool dry_run = false;
+  bool dry_run = false, all_records = false;
   std::optional<std::uint64_t> roll_back_to;
   std::vector<std::filesystem::path> files;
-  std::filesystem::path config_file, key_file;
+  std::filesystem::path config_file, key_file, export_to;
   std::function<Exit()> command;
 
   CommandLine();
@@ -155,6 +155,10 @@ void CommandLine::add_records() {
   one->add_option("SEQ", show.sequence)->check(CLI::PositiveNumber);
   one->add_flag("--json", show.json, "Print JSON as defined by record.schema.json");
   one->add_option("--export", show.export_to, "Write NNNNNN.json and NNNNNN.json.minisig into this folder");
+  auto* const all_out =
+      subcommand("export", "Write verified records into a folder", [this] { return export_all(paths, export_to); });
+  all_out->add_flag("--all", all_records, "All records of the store")->required();
+  all_out->add_option("--to", export_to, "Write NNNNNN.json and NNNNNN.json.minisig into this folder")->required();
   auto* const check = subcommand("verify", "Verify the whole chain of the store, or exported records",
                                  [this] { return verify(paths, files); });
   check->add_option("FILES", files);

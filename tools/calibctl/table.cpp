@@ -31,8 +31,10 @@ std::string Table::str() const {
     widths.push_back(width);
     total += width + (column == 0 ? 0 : gap);
   }
-  if (total > Text::max_width)
-    widths[0] = std::max(narrowest, widths[0] - std::min(widths[0], total - Text::max_width));
+  if (total > Text::max_width) {
+    const std::size_t excess = total - Text::max_width;
+    widths[0] = std::max(std::min(narrowest, widths[0]), widths[0] - std::min(widths[0], excess));
+  }
   std::string text;
   const auto line = [&](const auto& cells, auto&& text_of, auto&& colour_of) {
     for (std::size_t column = 0; column < cells.size(); ++column) {
