@@ -2,7 +2,10 @@
 
 import json
 import pathlib
+import re
+import socket
 import subprocess
+import threading
 import types
 
 import pytest
@@ -29,6 +32,11 @@ class Calibctl:
     def __call__(self, *arguments, **options):
         ended = subprocess.run(self.command(*arguments), capture_output=True, timeout=60, check=False, **options)
         return types.SimpleNamespace(exit=ended.returncode, out=ended.stdout.decode(), err=ended.stderr.decode())
+
+
+def row_of(pair, table):
+    """The cells of a pair in the table of `calibctl status`."""
+    return next(re.split(r"  +", line.strip()) for line in table.splitlines() if line.startswith(pair + " "))
 
 
 def unwrapped(text):
@@ -65,3 +73,50 @@ def schema(source_dir):
         jsonschema.Draft202012Validator(text).validate(value)
 
     return validate
+
+
+class Peer:
+    """Listens in place of calibd and sends the given bytes to each client."""
+
+    def __init__(self, path, reply):
+        self.questions = []
+        self.reply = reply
+        self.socket = socket.socket(socket.AF_UNIX)
+        self.socket.bind(str(path))
+        self.socket.listen()
+        self.thread = threading.Thread(target=self._serve, daemon=True)
+        self.thread.start()
+
+    def close(self):
+        """Ends the thread first: else its `accept` may get the file descriptor of the next peer."""
+        if self.socket.fileno() < 0:
+            return  # closed already
+        self.socket.shutdown(socket.SHUT_RDWR)
+        self.thread.join()
+        self.socket.close()
+
+    def _serve(self):
+        while True:
+            try:
+                connection, _ = self.socket.accept()
+            except OSError:
+                return
+            with connection:
+                self.questions.append(connection.makefile("rb").readline())
+                try:
+                    connection.sendall(self.reply)
+                except OSError:
+                    pass  # the client closed the connection
+
+
+@pytest.fixture
+def peer(calibctl):
+    peers = []
+
+    def listen(reply):
+        peers.append(Peer(calibctl.socket, reply if isinstance(reply, bytes) else json.dumps(reply).encode() + b"\n"))
+        return peers[-1]
+
+    yield listen
+    for each in peers:
+        each.close()

@@ -49,9 +49,15 @@ def test_history_lists_every_record_with_its_decision(calibctl):
     history = calibctl("history")
     assert history.exit == DONE and history.err == ""
     lines = history.out.splitlines()
-    assert [line.split()[0] for line in lines] == ["1", "2", "3"]
-    assert ["initial", "rejected", "accepted"] == [line.split()[3].rstrip(",") for line in lines]
-    assert "0.56 degrees and 3.6 cm" in lines[2]
+    assert lines[0].split() == ["SEQ", "DECIDED", "(UTC)", "PAIR", "DECISION", "CHANGE", "ASKED", "BY"]
+    assert all(len(line) <= 100 for line in lines)
+    rows = [line for line in lines[1:] if not line.startswith(" ")]
+    assert [row.split()[0] for row in rows] == ["1", "2", "3"]
+    for title in ("DECIDED", "PAIR", "DECISION", "CHANGE", "ASKED"):
+        assert all(row[lines[0].index(title) - 1] == " " != row[lines[0].index(title)] for row in rows)
+    assert [row.split()[4] for row in rows] == ["initial", "rejected", "accepted"]
+    assert rows[2].split() == ["3", "2026-01-31", "12:02:00", "front", "accepted", "0.56", "deg,", "3.6", "cm", "calibd"]
+    assert lines[lines.index(rows[2]) + 1] == "      better on the pairs held back"
     assert calibctl("history", "front").out == history.out
 
 
@@ -79,10 +85,11 @@ def test_a_missing_record_is_not_found(calibctl, arguments, exit_code):
 
 
 def test_untrusted_text_does_not_control_the_terminal(calibctl):
-    for command in (["history"], ["show", "2"], ["show", "2", "--json"], ["status"], ["status", "--json"]):
+    for command in (["history"], ["show", "2"], ["show", "2", "--json"], ["status", "front"], ["status", "--json"]):
         shown = calibctl(*command)
         assert is_plain(shown.out), command
         assert "title" in shown.out  # it is there, escaped
+    assert is_plain(calibctl("status").out)
 
 
 def test_the_json_of_a_record_is_the_record(calibctl, schema, tmp_path):
@@ -107,7 +114,8 @@ def test_a_baseline_is_shown_verified_and_without_a_change(bare, bin_dir, schema
                   "X               : slope 0.00500, sigma 0.02000, per cm; sensitivity 0.01000, sigma 0.00100"):
         assert words in shown.out, shown.out
     assert "Change" not in shown.out
-    assert "front  baseline, asked by calibd: the baseline was learned" in bare("history").out
+    assert bare("history").out.splitlines()[-2].split()[3:] == ["front", "baseline", "-", "calibd"]
+    assert bare("history").out.splitlines()[-1] == "      the baseline was learned from 20 pairs"
     record = json.loads(bare("show", "--json", "--export", tmp_path / "out").out)
     schema("record", record)
     del record["baseline"]
@@ -127,6 +135,23 @@ def test_an_exported_record_can_be_verified_with_minisign_and_sha256sum_alone(ca
         subprocess.run(["minisign", "-Vm", file, "-p", calibctl.public_key], check=True, capture_output=True)
         expected = sha256sum(out / f"{sequence - 1:06}.json") if sequence > 1 else "0" * 64
         assert json.loads(file.read_text())["previous_sha256"] == expected
+
+
+def test_all_records_are_exported_at_once(calibctl, tmp_path):
+    out, single = tmp_path / "out", tmp_path / "single"
+    for _ in range(2):  # the second time nothing is left to be written
+        done = calibctl("export", "--all", "--to", out)
+        assert done.exit == DONE and done.out.startswith("3 records verified and exported")
+    for sequence in ("1", "2", "3"):
+        assert calibctl("show", sequence, "--export", single).exit == DONE
+    assert {file.name: file.read_bytes() for file in out.iterdir()} == {file.name: file.read_bytes() for file in single.iterdir()}
+    assert "3 records verified" in calibctl("verify", *out.iterdir()).out
+    assert calibctl("export", "--to", out).exit == USAGE and calibctl("export", "--all").exit == USAGE
+    tamper(calibctl, "UPDATE record SET canonical = replace(canonical, 'rejected', 'accepted') WHERE sequence = 2")
+    some = calibctl("export", "--all", "--to", tmp_path / "some")
+    assert some.exit == NO and some.out.startswith("1 record verified") and "record 2 does not verify" in some.err
+    assert sorted(file.name for file in (tmp_path / "some").iterdir()) == ["000001.json", "000001.json.minisig"]
+
 
 def test_an_export_replaces_no_file(calibctl, tmp_path):
     out = tmp_path / "out"
@@ -225,7 +250,8 @@ def test_an_altered_record_is_never_shown(calibctl, sql):
     verified = calibctl("verify")
     assert verified.exit == NO and verified.out == "" and "record 2 does not verify" in verified.err
     history = calibctl("history")
-    assert history.exit == NO and [line.split()[0] for line in history.out.splitlines()] == ["1"]
+    rows = [line for line in history.out.splitlines()[1:] if not line.startswith(" ")]
+    assert history.exit == NO and [row.split()[0] for row in rows] == ["1"]
     assert "2 records from there on not shown" in history.err
     assert calibctl("show", "1").exit == DONE
     for sequence in ("2", "3"):

@@ -2,62 +2,12 @@
 
 import json
 import os
-import pty
-import signal
-import socket
 import sqlite3
-import subprocess
-import threading
 import time
 
 import pytest
 
-from conftest import DONE, FAILED, NO, NOT_FOUND, USAGE, write_store
-
-
-class Peer:
-    """Listens in place of calibd and sends the given bytes to each client."""
-
-    def __init__(self, path, reply):
-        self.questions = []
-        self.reply = reply
-        self.socket = socket.socket(socket.AF_UNIX)
-        self.socket.bind(str(path))
-        self.socket.listen()
-        self.thread = threading.Thread(target=self._serve, daemon=True)
-        self.thread.start()
-
-    def close(self):
-        """Ends the thread first: else its `accept` may get the file descriptor of the next peer."""
-        self.socket.shutdown(socket.SHUT_RDWR)
-        self.thread.join()
-        self.socket.close()
-
-    def _serve(self):
-        while True:
-            try:
-                connection, _ = self.socket.accept()
-            except OSError:
-                return
-            with connection:
-                self.questions.append(connection.makefile("rb").readline())
-                try:
-                    connection.sendall(self.reply)
-                except OSError:
-                    pass  # the client closed the connection
-
-
-@pytest.fixture
-def peer(calibctl):
-    peers = []
-
-    def listen(reply):
-        peers.append(Peer(calibctl.socket, reply if isinstance(reply, bytes) else json.dumps(reply).encode() + b"\n"))
-        return peers[-1]
-
-    yield listen
-    for each in peers:
-        each.close()
+from conftest import DONE, FAILED, NO, NOT_FOUND, USAGE, row_of, write_store
 
 
 def test_the_snapshot_of_a_daemon_that_does_not_run_is_shown_as_such(calibctl, schema):
@@ -76,7 +26,7 @@ def test_the_snapshot_of_a_daemon_that_does_not_run_is_shown_as_such(calibctl, s
 
 
 def test_status_has_words_for_signs_and_aligned_colons(calibctl):
-    out = calibctl("status").out
+    out = calibctl("status", "front").out
     for words in ("Verdict         : calibrated\n", "Roll            : 0.10 degrees right side down, sigma 0.06; detection limit 0.11",
                   "Pitch           : 0.20 degrees nose up", "Yaw             : 0.60 degrees to the left",
                   "X               : not observable\n", "Y               : 2.0 cm to the left, sigma 0.1; detection limit 0.2\n",
@@ -97,7 +47,7 @@ def test_status_lines_are_short_and_each_detail_has_a_line_of_its_own(calibctl, 
     pair["inputs"]["image"]["topic"] = "/" + "a" * 200
     status["records"]["missing"] = "records that calibd had written are missing: " + "some words " * 20
     peer({"ok": True, "status": status})
-    lines = calibctl("status").out.splitlines()
+    lines = calibctl("status", "front").out.splitlines()
     assert all(len(line) <= 100 for line in lines if "aaaa" not in line)
     assert all(line[16:18] == ": " for line in lines if line)
     first = lines.index("Reason          : sensor_silent: no image arrived")
@@ -129,7 +79,8 @@ def test_a_verdict_without_valid_evidence_is_not_shown(calibctl, peer, schema, c
         schema("status", shown)
         assert shown["pairs"][0]["verdict"] == "not_evaluated"
         assert shown["pairs"][0]["reason"].endswith("; it was calibrated when last evaluated")
-        assert "Verdict         : not evaluated" in calibctl("status").out
+        assert "Verdict         : not evaluated" in calibctl("status", "front").out
+        assert row_of("front", calibctl("status").out)[1] == "not evaluated"
     assert calibctl("status", "--exit-code").exit == NO
 
 
@@ -143,7 +94,9 @@ def test_a_record_that_does_not_verify_is_not_shown_as_verified(calibctl, spoil)
     assert shown.exit == NO
     record = json.loads(shown.out)["pairs"][0]["record"]
     assert record["verified"] is False and record["verified_by"] == "calibctl"
-    assert "NOT VERIFIED" in calibctl("status").out
+    assert "NOT VERIFIED" in calibctl("status", "front").out
+    table = calibctl("status").out
+    assert row_of("front", table)[4] == "3 UNVERIFIED" and "front: record NOT VERIFIED: " in table
 
 
 @pytest.mark.parametrize("change", [
@@ -175,8 +128,9 @@ def test_verification_by_the_daemon_is_distinguished_from_that_by_calibctl(calib
     assert status["daemon"]["running"] is True
     assert status["pairs"][0]["record"]["verified_by"] == "calibctl"
     calibctl.public_key.unlink()
-    shown = calibctl("status")
+    shown = calibctl("status", "front")
     assert shown.exit == DONE and "verified by calibd, not checked by calibctl" in shown.out
+    assert row_of("front", calibctl("status").out)[4] == "3 by calibd"
 
 
 @pytest.mark.parametrize("verdict, exit_code", [("calibrated", DONE), ("suspect", NO), ("drifted", NO), ("not_evaluated", NO)])
@@ -282,46 +236,3 @@ def test_requests_are_the_documented_ones(calibctl, peer, arguments, question):
     calibctl(*arguments)
     assert [json.loads(line) for line in listening.questions] == [{"schema": 1, **question}]
     assert all(line.endswith(b"\n") for line in listening.questions)
-
-
-def on_terminal(command, environment, enough):
-    """What `command` writes to a terminal until `enough(seen)`, and the exit that follows an interrupt."""
-    master, slave = pty.openpty()
-    running = subprocess.Popen(command, stdin=slave, stdout=slave, stderr=slave, env={**os.environ, **environment})
-    os.close(slave)
-    seen = b""
-    try:
-        while not enough(seen):
-            seen += os.read(master, 65536)
-    finally:
-        running.send_signal(signal.SIGINT)
-        exit_code = running.wait(timeout=20)
-        os.close(master)
-    return seen, exit_code
-
-
-def test_watch_redraws_until_interrupted(calibctl):
-    redraw = b"\x1b[H\x1b[2JVehicle"
-    _, exit_code = on_terminal(calibctl.command("status", "--watch"), {"TERM": "xterm"}, lambda seen: seen.count(redraw) == 2)
-    assert exit_code == DONE
-
-
-def test_the_verdict_is_coloured_on_a_terminal_only(calibctl):
-    command = calibctl.command("status", "--watch")
-
-    def all_shown(seen):
-        return b"before image" in seen
-
-    seen, _ = on_terminal(command, {"TERM": "xterm", "NO_COLOR": ""}, all_shown)
-    assert b"\x1b[32mcalibrated\x1b[0m" in seen
-    seen, _ = on_terminal(command, {"TERM": "xterm", "NO_COLOR": "1"}, all_shown)
-    assert b"calibrated" in seen and b"\x1b[32m" not in seen
-    assert "\x1b" not in calibctl("status").out
-
-
-def test_watch_with_json_prints_a_line_a_second(calibctl):
-    with subprocess.Popen(calibctl.command("status", "--json", "--watch"), stdout=subprocess.PIPE) as running:
-        first, second = (json.loads(running.stdout.readline()) for _ in range(2))
-        running.send_signal(signal.SIGTERM)
-        assert running.wait(timeout=20) == DONE
-    assert 0.5 < second["daemon"]["snapshot_age_s"] - first["daemon"]["snapshot_age_s"] < 10

@@ -19,7 +19,7 @@ def test_a_late_cloud_is_skipped_in_a_turn_and_evaluated_out_of_it(bin_dir, tmp_
         assert pair["evaluated"] < pair["skipped"]["motion"], pair
         assert pair["inputs"]["time_difference_ms"] == pytest.approx(40)
         assert pair["inputs"]["motion"]["topic"] == "/imu/data" and pair["inputs"]["motion"]["age_s"] < 10 * slowdown
-        assert "Motion" in drive.ctl("status").stdout
+        assert "Motion" in drive.ctl("status", "front").stdout
         turning = drive.wait_for(lambda pair: pair["reason"].startswith("motion:"), 60 * slowdown)
         assert "degrees" in turning["reason"]
 

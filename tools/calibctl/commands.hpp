@@ -1,9 +1,11 @@
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "calib/result.hpp"
@@ -17,6 +19,7 @@ enum class Exit {
   usage = 2,
   not_found = 3,  // the daemon does not run, or what was asked for does not exist
   no = 4,         // the answer is no: not verified, rejected, not calibrated, ...
+  timed_out = 5,  // `wait`: not reached in time
 };
 
 /// Of calibd's files.
@@ -37,9 +40,23 @@ struct Paths {
 Exit print_error(const Error& error);
 
 struct StatusOptions {
+  std::string pair;  // a row for each of all pairs when empty
   bool json = false, watch = false, exit_code = false;
 };
 Exit status(const Paths& paths, const StatusOptions& options);
+
+enum class WaitFor { calibrated, drifted, not_evaluated, any_change };
+[[nodiscard]] std::string_view to_string(WaitFor what);
+struct WaitOptions {
+  std::string pair;  // all when empty
+  WaitFor what = WaitFor::calibrated;
+  std::chrono::milliseconds timeout = std::chrono::minutes(1);
+  bool json = false;
+};
+/// `60s`, `500ms`, `2min`, `1h`, or a number of seconds; a year at most. Nothing for any other text.
+[[nodiscard]] std::optional<std::chrono::milliseconds> parse_duration(std::string_view text);
+/// Waits until the running calibd says that the state is reached.
+Exit wait(const Paths& paths, const WaitOptions& options);
 
 /// Lists the records of one pair, or of all when `pair` is empty.
 Exit history(const Paths& paths, const std::string& pair);
@@ -50,6 +67,9 @@ struct ShowOptions {
   std::filesystem::path export_to;  // nothing is exported when empty
 };
 Exit show(const Paths& paths, const ShowOptions& options);
+
+/// Writes every record up to the first that does not verify, as `ShowOptions::export_to` does one.
+Exit export_all(const Paths& paths, const std::filesystem::path& folder);
 
 /// Verifies `files` (exported records, in any order), or the whole chain of the store when there are none.
 Exit verify(const Paths& paths, const std::vector<std::filesystem::path>& files);

@@ -50,14 +50,15 @@ struct CommandLine {
   CLI::App app{"Show, verify and change what calibd does about the extrinsics of a vehicle", "calibctl"};
   Paths paths = default_paths();
   StatusOptions status;
+  WaitOptions wait;
   ShowOptions show;
   DoctorOptions doctor;
   ExplainOptions explain;
   std::string pair;
-  bool dry_run = false;
+  bool dry_run = false, all_records = false;
   std::optional<std::uint64_t> roll_back_to;
   std::vector<std::filesystem::path> files;
-  std::filesystem::path config_file, key_file;
+  std::filesystem::path config_file, key_file, export_to;
   std::function<Exit()> command;
 
   CommandLine();
@@ -68,6 +69,7 @@ struct CommandLine {
     added->callback([this, run = std::move(run)] { command = run; });
     return added;
   }
+  void add_wait();
   void add_records();
   void add_requests();
   void add_doctor();
@@ -83,9 +85,11 @@ CommandLine::CommandLine() {
 
   auto* const ask_status =
       subcommand("status", "Show the verdict of every pair", [this] { return ctl::status(paths, status); });
+  ask_status->add_option("PAIR", status.pair, "Show everything about this pair; one row a pair if not given");
   ask_status->add_flag("--json", status.json, "Print JSON as defined by status.schema.json");
   ask_status->add_flag("--watch", status.watch, "Repeat every second, until interrupted");
   ask_status->add_flag("--exit-code", status.exit_code, "Exit with 4 unless every pair is calibrated");
+  add_wait();
   add_records();
   add_requests();
   add_doctor();
@@ -107,6 +111,34 @@ CommandLine::CommandLine() {
   make_key->add_option("--out", key_file, "Secret key; the public key gets the extension .pub")->required();
 }
 
+void CommandLine::add_wait() {
+  auto* const until = subcommand("wait", "Wait until the running calibd says that a state is reached",
+                                 [this] { return ctl::wait(paths, wait); });
+  until->add_option("PAIR", wait.pair, "Of all pairs if not given");
+  until
+      ->add_option_function<std::string>(
+          "--for",
+          [this](const std::string& text) {
+            for (const WaitFor state :
+                 {WaitFor::calibrated, WaitFor::drifted, WaitFor::not_evaluated, WaitFor::any_change})
+              if (to_string(state) == text) wait.what = state;
+          },
+          "calibrated, drifted, not_evaluated or any-change")
+      ->required()
+      ->check(CLI::IsMember({"calibrated", "drifted", "not_evaluated", "any-change"}));
+  until
+      ->add_option_function<std::string>(
+          "--timeout",
+          [this](const std::string& text) {
+            const auto timeout = parse_duration(text);
+            if (!timeout) throw CLI::ValidationError("--timeout", text + " is not a time such as 60s, 2min or 1h");
+            wait.timeout = *timeout;
+          },
+          "Exit with 5 after this time: 60s, 500ms, 2min, 1h")
+      ->default_str("60s");
+  until->add_flag("--json", wait.json, "Print JSON as defined by wait.schema.json");
+}
+
 void CommandLine::add_doctor() {
   auto* const examine = subcommand("doctor", "Diagnose sensors, clocks, calibration and depth",
                                    [this] { return ctl::doctor(paths, doctor); });
@@ -123,6 +155,10 @@ void CommandLine::add_records() {
   one->add_option("SEQ", show.sequence)->check(CLI::PositiveNumber);
   one->add_flag("--json", show.json, "Print JSON as defined by record.schema.json");
   one->add_option("--export", show.export_to, "Write NNNNNN.json and NNNNNN.json.minisig into this folder");
+  auto* const all_out =
+      subcommand("export", "Write verified records into a folder", [this] { return export_all(paths, export_to); });
+  all_out->add_flag("--all", all_records, "All records of the store")->required();
+  all_out->add_option("--to", export_to, "Write NNNNNN.json and NNNNNN.json.minisig into this folder")->required();
   auto* const check = subcommand("verify", "Verify the whole chain of the store, or exported records",
                                  [this] { return verify(paths, files); });
   check->add_option("FILES", files);

@@ -6,6 +6,7 @@
 #include "calib/file.hpp"
 #include "commands.hpp"
 #include "stored_records.hpp"
+#include "table.hpp"
 #include "text.hpp"
 
 namespace calib::ctl {
@@ -25,13 +26,27 @@ RigidTransform change(const CalibrationRecord& record) {
   return record.T_camera_lidar_before.inverse() * record.T_camera_lidar;
 }
 
-std::string history_line(const CalibrationRecord& record) {
-  std::string number = std::to_string(record.sequence);
-  if (number.size() < 6) number.insert(0, 6 - number.size(), ' ');
-  const bool changed = record.decision != Decision::baseline;
-  return number + "  " + rfc3339(record.wall_time) + "  " + record.pair + "  " +
-         std::string(to_string(record.decision)) + (changed ? ", changed by " + how_far(change(record)) : "") +
-         ", asked by " + record.asked_by + ": " + record.reason;
+/// `2026-01-31 12:00:00`, UTC.
+std::string to_the_second(WallTime time) {
+  std::string text = rfc3339(time).substr(0, 19);
+  text[10] = ' ';
+  return text;
+}
+
+/// A row, and below it the reason.
+void history_row(Table& table, const CalibrationRecord& record) {
+  constexpr std::size_t widest_pair = 18, widest_client = 16;
+  const RigidTransform by = change(record);
+  table.row(
+      {{std::to_string(record.sequence)},
+       {to_the_second(record.wall_time)},
+       {cut(record.pair, widest_pair)},
+       {std::string(to_string(record.decision))},
+       {record.decision == Decision::baseline ? "-"
+                                              : decimals(rotation_angle_rad(by) / radians_per_degree, 2) + " deg, " +
+                                                    decimals(by.translation().norm() * 100, 1) + " cm"},
+       {cut(record.asked_by, widest_client)}});
+  table.detail(record.reason);
 }
 
 std::string score_words(double before, double after) {
@@ -161,12 +176,14 @@ Exit verify_files(const std::vector<std::filesystem::path>& files, const PublicK
 Exit history(const Paths& paths, const std::string& pair) {
   const auto chain = read_some(paths);
   if (!chain) return print_error(chain.error());
+  Table table({"SEQ", "DECIDED (UTC)", "PAIR", "DECISION", "CHANGE", "ASKED BY"}, /*coloured=*/false);
   bool any = false;
   for (const VerifiedRecord& item : chain->verified) {
     if (!pair.empty() && item.record.pair != pair) continue;
-    std::cout << escape_control(history_line(item.record)) << '\n';
+    history_row(table, item.record);
     any = true;
   }
+  if (any) std::cout << table.str();
   if (chain->broken) {
     std::cout << std::flush;
     const Exit exit = print_error(*chain->broken);
@@ -193,6 +210,16 @@ Exit show(const Paths& paths, const ShowOptions& options) {
   else
     std::cout << record_text(shown.record, chain->key);
   return Exit::done;
+}
+
+Exit export_all(const Paths& paths, const std::filesystem::path& folder) {
+  const auto chain = read_some(paths);
+  if (!chain) return print_error(chain.error());
+  for (const VerifiedRecord& item : chain->verified)
+    if (const auto exported = export_record(item, folder); !exported) return print_error(exported.error());
+  std::cout << counted(chain->verified.size(), "record") << " verified and exported, key " << chain->key.id_text()
+            << '\n';
+  return chain->broken ? print_error(*chain->broken) : Exit::done;
 }
 
 Exit verify(const Paths& paths, const std::vector<std::filesystem::path>& files) {

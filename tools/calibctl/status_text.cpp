@@ -6,8 +6,6 @@
 #include "text.hpp"
 
 namespace calib::ctl {
-namespace {
-
 Colour colour_of(Verdict verdict) {
   switch (verdict) {
     case Verdict::calibrated:
@@ -25,18 +23,28 @@ std::string words_of(Verdict verdict) {
   return verdict == Verdict::not_evaluated ? "not evaluated" : std::string(to_string(verdict));
 }
 
-std::string duration(double seconds) {
-  if (seconds < 120) return decimals(seconds, 1) + " s";
-  if (seconds < 2 * 3600) return decimals(seconds / 60, 1) + " min";
-  if (seconds < 2 * 86400) return decimals(seconds / 3600, 1) + " h";
-  return decimals(seconds / 86400, 1) + " days";
+namespace {
+
+/// In the largest of s, min, h and days of which there are two.
+std::string in_unit(double seconds, int decimal_places, const char* days) {
+  if (seconds < 120) return decimals(seconds, decimal_places) + " s";
+  if (seconds < 2 * 3600) return decimals(seconds / 60, decimal_places) + " min";
+  if (seconds < 2 * 86400) return decimals(seconds / 3600, decimal_places) + " h";
+  return decimals(seconds / 86400, decimal_places) + days;
 }
 
-/// For times that are further apart than a count of nanoseconds can hold, too.
+}  // namespace
+
+std::string duration(double seconds) { return in_unit(seconds, 1, " days"); }
+
+std::string short_duration(double seconds) { return in_unit(seconds, seconds < 10 ? 1 : 0, " d"); }
+
 double seconds_between(WallTime from, WallTime to) {
   using Seconds = std::chrono::duration<double>;
   return (Seconds(to) - Seconds(from)).count();
 }
+
+namespace {
 
 std::string skipped_words(const PairStatus& pair) {
   std::uint64_t total = 0;
@@ -50,18 +58,6 @@ std::string skipped_words(const PairStatus& pair) {
 
 void input_line(Text& text, std::string_view label, const PairStatus::Input& input) {
   text.wrapped(label, input.topic + (input.age_s ? ", " + duration(*input.age_s) + " ago" : ", never seen"));
-}
-
-/// The reason, then each further detail on a line of its own: calibd separates them with "; ".
-void reason_lines(Text& text, std::string_view reason) {
-  constexpr std::string_view separator = "; ";
-  std::string_view label = "Reason";
-  for (auto end = reason.find(separator); end != std::string_view::npos; end = reason.find(separator)) {
-    text.wrapped(label, reason.substr(0, end));
-    reason.remove_prefix(end + separator.size());
-    label = "";
-  }
-  text.wrapped(label, reason);
 }
 
 void record_lines(Text& text, const PairStatus::Record& record, const RecordCheck& check) {
@@ -81,7 +77,7 @@ void pair_lines(Text& text, const PairStatus& pair, const RecordCheck& check, Wa
   text.line("Pair", pair.name);
   text.line("Verdict", words_of(pair.verdict), colour_of(pair.verdict));
   text.line("Since", rfc3339(pair.since) + " (" + duration(seconds_between(pair.since, now)) + " ago)");
-  reason_lines(text, pair.reason);
+  text.parts("Reason", pair.reason);
   text.line(
       "Evaluated",
       counted(pair.evaluated, "pair") +
@@ -93,7 +89,10 @@ void pair_lines(Text& text, const PairStatus& pair, const RecordCheck& check, Wa
     text.line("Score", decimals(pair.score->current, 5) + " (best neighbour " +
                            decimals(pair.score->best_neighbour, 5) +
                            (pair.score->baseline ? ", baseline " + decimals(*pair.score->baseline, 5) : "") + ")");
-  if (pair.misalignment) {
+  if (!pair.misalignment) {
+    const bool drifts = pair.verdict == Verdict::suspect || pair.verdict == Verdict::drifted;
+    if (drifts) text.line("LiDAR has moved", "not estimated yet");
+  } else {
     text.line("LiDAR has moved", "");
     for (int axis = 0; axis < 6; ++axis) {
       std::string words = axis_in_words(pair, axis);
@@ -124,8 +123,7 @@ void pair_lines(Text& text, const PairStatus& pair, const RecordCheck& check, Wa
 
 }  // namespace
 
-std::string status_text(const Status& status, const std::vector<RecordCheck>& checks, WallTime now,
-                        std::optional<double> snapshot_age_s, bool coloured) {
+std::string head_text(const Status& status, std::optional<double> snapshot_age_s, bool coloured) {
   Text text(coloured);
   text.line("Vehicle", status.vehicle);
   if (snapshot_age_s)
@@ -134,8 +132,14 @@ std::string status_text(const Status& status, const std::vector<RecordCheck>& ch
     text.line("Daemon", "running for " + duration(status.uptime_s) + ", version " + status.version);
   text.line("Alerts waiting", std::to_string(status.feed_queued));
   if (status.records_missing) text.wrapped("RECORDS MISSING", *status.records_missing, Colour::red);
-  for (std::size_t i = 0; i < status.pairs.size(); ++i) pair_lines(text, status.pairs[i], checks[i], now);
   return text.str();
+}
+
+std::string status_text(const Status& status, const std::vector<RecordCheck>& checks, WallTime now,
+                        std::optional<double> snapshot_age_s, bool coloured) {
+  Text text(coloured);
+  for (std::size_t i = 0; i < status.pairs.size(); ++i) pair_lines(text, status.pairs[i], checks[i], now);
+  return head_text(status, snapshot_age_s, coloured) + text.str();
 }
 
 }  // namespace calib::ctl

@@ -47,32 +47,48 @@ bool terminal_has_colours() {
          std::string_view(terminal) != "dumb";
 }
 
+std::string painted(std::string_view text, Colour colour) {
+  const std::string_view escape = escape_sequence(colour);
+  return std::string(escape).append(text).append(escape.empty() ? "" : "\x1b[0m");
+}
+
+std::vector<std::string> wrap(std::string_view text, std::size_t width) {
+  std::vector<std::string> lines;
+  while (text.size() > width) {
+    auto space = text.rfind(' ', width);
+    if (space == std::string_view::npos) space = text.find(' ');
+    if (space == std::string_view::npos) break;
+    lines.emplace_back(text.substr(0, space));
+    text.remove_prefix(space + 1);
+  }
+  lines.emplace_back(text);
+  return lines;
+}
+
 void Text::line(std::string_view label, std::string_view value, Colour colour) {
   escaped_line(label, escape_control(value), colour);
 }
 
 void Text::escaped_line(std::string_view label, std::string_view escaped, Colour colour) {
   text_.append(label).append(label_width - std::min(label_width, label.size()), ' ').append(separator);
-  const bool paint = coloured_ && colour != Colour::none;
-  if (paint) text_ += escape_sequence(colour);
-  text_ += escaped;
-  if (paint) text_ += "\x1b[0m";
-  text_ += '\n';
+  text_.append(coloured_ ? painted(escaped, colour) : std::string(escaped)) += '\n';
 }
 
 void Text::wrapped(std::string_view label, std::string_view value, Colour colour) {
-  constexpr std::size_t width = max_width - label_width - separator.size();
-  const std::string escaped = escape_control(value);
-  std::string_view rest = escaped;
-  while (rest.size() > width) {
-    auto space = rest.rfind(' ', width);
-    if (space == std::string_view::npos) space = rest.find(' ');
-    if (space == std::string_view::npos) break;
-    escaped_line(label, rest.substr(0, space), colour);
-    rest.remove_prefix(space + 1);
+  for (const std::string& line : wrap(escape_control(value), max_width - label_width - separator.size())) {
+    escaped_line(label, line, colour);
     label = "";
   }
-  escaped_line(label, rest, colour);
+}
+
+void Text::parts(std::string_view label, std::string_view value) {
+  constexpr std::string_view between = "; ";
+  for (auto end = value.find(between); end != std::string_view::npos; end = value.find(between)) {
+    wrapped(label, value.substr(0, end));
+    value.remove_prefix(end + between.size());
+    label = "";
+  }
+  wrapped(label, value);
 }
 
 void Text::motion(const Vector6& delta, const Vector6* sigma) {

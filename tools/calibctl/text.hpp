@@ -4,6 +4,7 @@
 #include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "calib/geometry.hpp"
 
@@ -13,6 +14,11 @@ enum class Colour { none, red, yellow, green };
 
 /// True when standard output is a terminal that shows colours and NO_COLOR is not set.
 [[nodiscard]] bool terminal_has_colours();
+
+/// `text` in that colour.
+[[nodiscard]] std::string painted(std::string_view text, Colour colour);
+/// Lines of at most `width` bytes, broken at spaces. A word that is longer stays in one piece.
+[[nodiscard]] std::vector<std::string> wrap(std::string_view text, std::size_t width);
 
 /// Lines of label, colon and value. Every value passes `escape_control`, so that no text from outside controls the
 /// terminal.
@@ -25,6 +31,8 @@ class Text {
   /// Lines of at most `max_width` characters, broken at spaces. Those after the first have no label. A word that is
   /// longer stays in one piece.
   void wrapped(std::string_view label, std::string_view value, Colour colour = Colour::none);
+  /// A line for each part of `value` that "; " separates, wrapped.
+  void parts(std::string_view label, std::string_view value);
   void blank() { text_ += '\n'; }
   /// Six lines: how far the LiDAR moved (rad, m) along its own axes, with words for the signs; `sigma` may be null.
   void motion(const Vector6& delta, const Vector6* sigma);
