@@ -45,13 +45,4 @@ Camera read_camera_model(const ConfigNode& node) {
   return *camera;
 }
 
-RigidTransform read_transform(const ConfigNode& node) {
-  node.with_keys({"translation_m", "quaternion_xyzw"});
-  const auto t = node.at("translation_m").numbers(3, -100, 100);
-  const auto q = node.at("quaternion_xyzw").numbers(4, -2, 2);
-  const auto transform = make_transform({t[0], t[1], t[2]}, {q[0], q[1], q[2], q[3]});
-  if (!transform) node.at("quaternion_xyzw").refuse(transform.error().context);
-  return *transform;
-}
-
 }  // namespace calib

@@ -5,8 +5,7 @@
 #include <string_view>
 
 #include "calib/camera.hpp"
-#include "calib/config_node.hpp"
-#include "calib/geometry.hpp"
+#include "calib/config_transform.hpp"
 
 namespace calib {
 
@@ -23,8 +22,5 @@ namespace calib {
 
 /// A camera from the keys `model`, `size`, `intrinsics` and `distortion` of a mapping that may have others too.
 [[nodiscard]] Camera read_camera_model(const ConfigNode& node);
-
-/// `translation_m` and `quaternion_xyzw`.
-[[nodiscard]] RigidTransform read_transform(const ConfigNode& node);
 
 }  // namespace calib

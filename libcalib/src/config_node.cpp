@@ -132,6 +132,20 @@ ConfigNode ConfigNode::at(std::string_view key) const {
 
 std::string ConfigNode::canonical() const { return canonical_text(node_); }
 
+std::vector<std::pair<std::string, ConfigNode>> ConfigNode::entries() const {
+  if (!node_.IsMap()) refuse("needs a mapping");
+  std::vector<std::pair<std::string, ConfigNode>> entries;
+  std::set<std::string> seen;
+  for (const auto& entry : node_) {
+    if (!entry.first.IsScalar()) refuse("holds a key that is no word");
+    const std::string& name = entry.first.Scalar();
+    ConfigNode child(entry.second, key_of(name), entry.first.Mark().line + 1);
+    if (!seen.insert(name).second) child.refuse("given twice; remove one");
+    entries.emplace_back(name, std::move(child));
+  }
+  return entries;
+}
+
 std::vector<ConfigNode> ConfigNode::items() const {
   if (!node_.IsSequence()) refuse("needs a list");
   std::vector<ConfigNode> items;

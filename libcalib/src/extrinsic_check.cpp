@@ -42,18 +42,6 @@ RigidTransform with_rotation(RigidTransform T, const Eigen::Matrix3d& R) {
   return T;
 }
 
-/// R = Rz(yaw) Ry(pitch) Rx(roll), as ROS and URDF have it.
-Eigen::Matrix3d from_roll_pitch_yaw(const Eigen::Vector3d& angles) {
-  return (Eigen::AngleAxisd(angles.z(), Eigen::Vector3d::UnitZ()) *
-          Eigen::AngleAxisd(angles.y(), Eigen::Vector3d::UnitY()) *
-          Eigen::AngleAxisd(angles.x(), Eigen::Vector3d::UnitX()))
-      .toRotationMatrix();
-}
-
-Eigen::Vector3d roll_pitch_yaw(const Eigen::Matrix3d& R) {
-  return {std::atan2(R(2, 1), R(2, 2)), std::asin(std::clamp(-R(2, 0), -1.0, 1.0)), std::atan2(R(1, 0), R(0, 0))};
-}
-
 /// A rotation of less than pi degrees per axis can have come from angles in radians that were taken for degrees.
 void add_radians_as_degrees(const RigidTransform& T, std::vector<Candidate>& candidates) {
   const Eigen::AngleAxisd turn(T.linear());
@@ -63,7 +51,7 @@ void add_radians_as_degrees(const RigidTransform& T, std::vector<Candidate>& can
     candidates.push_back({.reading = {"radians_as_degrees", words, reading}, .lead = 0.05});
   };
   const auto scaled = [](const RigidTransform& from) {
-    return with_rotation(from, from_roll_pitch_yaw(roll_pitch_yaw(from.linear()) * degrees_per_radian));
+    return with_rotation(from, rotation_from_rpy(roll_pitch_yaw_rad(from.linear()) * degrees_per_radian));
   };
   add(scaled(T), "its roll, pitch and yaw look like radians that were taken for degrees");
   add(scaled(T.inverse()).inverse(),

@@ -131,3 +131,23 @@ TEST_CASE("a transform with a number that is not finite is refused") {
     }
   }
 }
+
+TEST_CASE("roll, pitch and yaw are found again, also where the pitch is a right angle") {
+  std::mt19937 random(3);
+  for (int i = 0; i < 1000; ++i) {
+    Vector6 delta = random_delta(random);
+    if (i % 4 == 0) delta[1] = (i % 8 == 0 ? 0.5 : -0.5) * pi;
+    if (i % 4 == 1) delta[1] = 0.5 * pi - 1e-9 * std::abs(delta[1]);
+    const Eigen::Matrix3d R = rotation_from_rpy(delta.head<3>());
+    CHECK((rotation_from_rpy(roll_pitch_yaw_rad(R)) - R).norm() < 1e-12);
+  }
+}
+
+TEST_CASE("a matrix that is no rotation makes no transform") {
+  const auto refused = [](const Eigen::Matrix3d& R) { return !transform_from_matrix({0, 0, 0}, R); };
+  CHECK(refused(Eigen::Matrix3d::Zero()));
+  CHECK(refused(-Eigen::Matrix3d::Identity()));
+  CHECK(refused(Eigen::Matrix3d::Constant(not_a_number)));
+  CHECK_FALSE(refused(Eigen::Matrix3d::Identity() * 1.0001));
+  CHECK_FALSE(transform_from_matrix({0, not_a_number, 0}, Eigen::Matrix3d::Identity()));
+}

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "calib/result.hpp"
+#include "extrinsic_formats/formats.hpp"
 
 namespace calib::ctl {
 
@@ -92,6 +93,32 @@ struct ExplainOptions {
 };
 /// Says what a code means, with an example and a remedy. Needs no daemon.
 Exit explain(const ExplainOptions& options);
+
+struct ImportOptions {
+  formats::Format format = formats::Format::tf;
+  std::vector<std::filesystem::path> files;
+  std::vector<std::string> with;  // more files, FILE or FORMAT:FILE
+  std::string camera, lidar;      // frames; empty where the files leave no choice
+  std::optional<formats::CameraAxes> axes;
+  bool inverse = false, check = true, json = false;
+};
+/// Prints T_camera_lidar of others' files, for a configuration. Exits with `no` where it is not plausible.
+Exit import_extrinsic(const ImportOptions& options);
+
+struct ExportOptions {
+  formats::Format format = formats::Format::tf;
+  std::string pair;                     // empty where there is one only
+  std::optional<std::uint64_t> record;  // that of the extrinsic in force by default
+  std::filesystem::path config;         // in place of records
+  std::vector<std::string> with;
+  std::string camera, lidar, parent;
+  std::optional<formats::CameraAxes> axes;
+  formats::TfForm tf_form = formats::TfForm::arguments;
+};
+/// Prints an extrinsic in the format of others.
+Exit export_extrinsic(const Paths& paths, const ExportOptions& options);
+/// The axes of a camera frame where nothing is said: those of the format, unless the frame's name holds `optical`.
+[[nodiscard]] formats::CameraAxes axes_of(const formats::FormatFacts& facts, std::string_view camera_frame);
 
 Exit check_config(const std::filesystem::path& file);
 /// Runs calib-check-model with these arguments, in place of this process; returns only when it cannot.

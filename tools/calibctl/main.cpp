@@ -3,6 +3,7 @@
 #include <cstdlib>
 #include <functional>
 #include <iostream>
+#include <map>
 
 #include "commands.hpp"
 
@@ -54,6 +55,8 @@ struct CommandLine {
   ShowOptions show;
   DoctorOptions doctor;
   ExplainOptions explain;
+  ImportOptions import_options;
+  ExportOptions export_options;
   std::string pair;
   bool dry_run = false, all_records = false;
   std::optional<std::uint64_t> roll_back_to;
@@ -73,6 +76,7 @@ struct CommandLine {
   void add_records();
   void add_requests();
   void add_doctor();
+  void add_formats();
 };
 
 CommandLine::CommandLine() {
@@ -93,6 +97,7 @@ CommandLine::CommandLine() {
   add_records();
   add_requests();
   add_doctor();
+  add_formats();
 
   auto* const meaning =
       subcommand("explain", "Say what a code means, and what to do", [this] { return ctl::explain(explain); });
@@ -147,6 +152,54 @@ void CommandLine::add_doctor() {
   examine->add_option("--overlay", doctor.overlay_dir, "Copy the pictures into this folder");
 }
 
+void CommandLine::add_formats() {
+  std::map<std::string, formats::Format> format_names;
+  for (const auto& facts : formats::all_formats) format_names.emplace(facts.name, facts.format);
+  const std::map<std::string, formats::CameraAxes> axes{{"optical", formats::CameraAxes::optical},
+                                                        {"body", formats::CameraAxes::body}};
+  const std::map<std::string, formats::TfForm> forms{
+      {"arguments", formats::TfForm::arguments}, {"yaml", formats::TfForm::yaml}, {"json", formats::TfForm::json}};
+  const auto add_common = [&](CLI::App* to, auto& options) {
+    auto* const format =
+        to->add_option("--format", options.format, "tf, kitti, autoware, kalibr, urdf, opencalib, nuscenes or kitti360")
+            ->transform(CLI::Transformer(format_names).description(""));
+    to->add_option("--camera", options.camera, "Frame of the camera in the file");
+    to->add_option("--lidar", options.lidar, "Frame of the LiDAR in the file");
+    to->add_option("--camera-axes", options.axes, "Axes of the camera's frame: optical or body")
+        ->transform(CLI::Transformer(axes).description(""));
+    to->add_option("--with", options.with, "A file with more transforms: FILE or FORMAT:FILE; can be repeated")
+        ->expected(1)
+        ->take_all();
+    return format;
+  };
+  auto* const in = subcommand("import", "Print T_camera_lidar from a calibration file of other programs",
+                              [this] { return import_extrinsic(import_options); });
+  add_common(in, import_options)->required();
+  in->add_option("FILE", import_options.files)->required();
+  in->add_flag("--inverse", import_options.inverse, "The file has the transform in the other direction");
+  in->add_flag("!--no-check", import_options.check, "Print it even where it is not plausible");
+  in->add_flag("--json", import_options.json, "Print JSON");
+  auto* const out = subcommand(
+      "export", "Print the extrinsic in force in the format of other programs, or write all records into a folder",
+      [this] { return all_records ? export_all(paths, export_to) : export_extrinsic(paths, export_options); });
+  auto* const format = add_common(out, export_options);
+  auto* const all = out->add_flag("--all", all_records, "All records of the store, verified")->excludes(format);
+  auto* const to =
+      out->add_option("--to", export_to, "Write NNNNNN.json and NNNNNN.json.minisig into this folder")->needs(all);
+  all->needs(to);
+  out->parse_complete_callback([format, all] {
+    if (format->count() + all->count() == 0) throw CLI::RequiredError("--format or --all");
+  });
+  out->add_option("PAIR", export_options.pair, "May be left out where there is only one");
+  auto* const record =
+      out->add_option("--record", export_options.record, "That of this record instead")->check(CLI::PositiveNumber);
+  out->add_option("--config", export_options.config, "That of this configuration instead")->excludes(record);
+  out->add_option("--parent", export_options.parent,
+                  "Frame in which the camera's pose is written; default: the LiDAR's");
+  out->add_option("--tf-form", export_options.tf_form, "Of format tf: arguments, yaml or json")
+      ->transform(CLI::Transformer(forms).description(""));
+}
+
 void CommandLine::add_records() {
   auto* const list = subcommand("history", "List the records, each verified", [this] { return history(paths, pair); });
   list->add_option("PAIR", pair);
@@ -155,10 +208,6 @@ void CommandLine::add_records() {
   one->add_option("SEQ", show.sequence)->check(CLI::PositiveNumber);
   one->add_flag("--json", show.json, "Print JSON as defined by record.schema.json");
   one->add_option("--export", show.export_to, "Write NNNNNN.json and NNNNNN.json.minisig into this folder");
-  auto* const all_out =
-      subcommand("export", "Write verified records into a folder", [this] { return export_all(paths, export_to); });
-  all_out->add_flag("--all", all_records, "All records of the store")->required();
-  all_out->add_option("--to", export_to, "Write NNNNNN.json and NNNNNN.json.minisig into this folder")->required();
   auto* const check = subcommand("verify", "Verify the whole chain of the store, or exported records",
                                  [this] { return verify(paths, files); });
   check->add_option("FILES", files);

@@ -9,6 +9,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "calib/result.hpp"
@@ -37,6 +38,9 @@ class ConfigNode {
   /// Refuses when the key is missing.
   [[nodiscard]] ConfigNode at(std::string_view key) const;
 
+  /// Every key with its value, of a mapping whose keys are free. Refuses when this is no mapping, and a key that is
+  /// given twice or is no word.
+  [[nodiscard]] std::vector<std::pair<std::string, ConfigNode>> entries() const;
   [[nodiscard]] std::vector<ConfigNode> items() const;
   /// 1 .. 4096 characters, none of them a control character.
   [[nodiscard]] std::string text() const;

@@ -43,6 +43,20 @@ inline constexpr std::array<std::string_view, 6> axis_names{"roll", "pitch", "ya
 [[nodiscard]] Result<RigidTransform> make_transform(const std::array<double, 3>& translation_m,
                                                     const std::array<double, 4>& quaternion_xyzw);
 
+/// A transform from a translation (metres) and a rotation matrix, of which the nearest rotation is taken.
+/// Fails with `bad_transform` when a value is not finite, or when R is a reflection or an entry of R R^T is more than
+/// `max_rotation_deviation` from the identity's.
+[[nodiscard]] Result<RigidTransform> transform_from_matrix(const std::array<double, 3>& translation_m,
+                                                           const Eigen::Matrix3d& R);
+inline constexpr double max_rotation_deviation = 1e-3;
+
+/// R = Rz(yaw) Ry(pitch) Rx(roll): turns about the fixed axes x, y, z in this order, as ROS (REP 103) and URDF have it.
+/// Not the order of a perturbation.
+[[nodiscard]] Eigen::Matrix3d rotation_from_rpy(const Eigen::Vector3d& roll_pitch_yaw_rad);
+/// Inverse of `rotation_from_rpy`: |pitch| <= pi/2. Where the pitch is a right angle, the yaw is arbitrary and the roll
+/// goes with it.
+[[nodiscard]] Eigen::Vector3d roll_pitch_yaw_rad(const Eigen::Matrix3d& R);
+
 /// The rotation as a unit quaternion (x, y, z, w) with w >= 0, the one form that is written anywhere.
 [[nodiscard]] std::array<double, 4> quaternion_xyzw(const RigidTransform& transform);
 [[nodiscard]] std::array<double, 3> translation_m(const RigidTransform& transform);
