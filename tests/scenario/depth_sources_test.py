@@ -81,7 +81,7 @@ def test_a_network_that_is_not_as_described_stops_its_pair_and_nothing_else(bin_
         assert (pair["name"], pair["verdict"], pair["evaluated"]) == ("spoilt", "not_evaluated", 0)
         assert pair["reason"].startswith("depth_failed: ") and words in pair["reason"], pair["reason"]
         drive.wait_for(lambda _: drive.pairs()[1]["evaluated"] >= 2, 60 * slowdown)
-        assert words in drive.ctl("status", "front").stdout
+        assert words in drive.ctl("status", "spoilt").stdout
         assert sum("this pair is not evaluated" in line for line in drive.log().splitlines()) == 1, drive.log()
 
 
