@@ -157,7 +157,7 @@ void for_each_target(const std::string& name, Run run, benchmark::TimeUnit unit,
 int main(int argc, char** argv) {
   benchmark::AddCustomContext("production_runs_with", std::string(vector_instructions()));
   for_each_target("score_of_one_term", score_of_one_term, benchmark::kMicrosecond);
-  for_each_target("score_of_four_terms", score_of_three_terms, benchmark::kMicrosecond);
+  for_each_target("score_of_four_terms", score_of_four_terms, benchmark::kMicrosecond);
   for_each_target("stencil_of_a_frame", stencil_of_a_frame, benchmark::kMicrosecond);
   for_each_target("search_of_six", search_of_six, benchmark::kMillisecond, 3);
   for_each_target("search_of_any_orientation", search_of_any_orientation, benchmark::kMillisecond, 3);
