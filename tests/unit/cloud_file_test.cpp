@@ -180,6 +180,22 @@ TEST_CASE("a .bin is read by the layout that is stated") {
   CHECK(wrong.error().context.find("cloud_layout in a list, or --cloud-layout") != std::string::npos);
 }
 
+TEST_CASE("a .bin of a stated layout that it does not look like is read, with a remark") {
+  std::string bytes;
+  for (int i = 0; i < 2000; ++i) {
+    const float angle = 0.003F * static_cast<float>(i), range = 5 + 3 * std::sin(0.1F * static_cast<float>(i));
+    bytes += bytes_of(range * std::cos(angle), range * std::sin(angle), -1.5F, 0.3F, static_cast<float>(i % 32));
+  }
+  const CloudFile file("a.bin", bytes);
+  const auto right = file.read(CloudLayout{CloudLayout::Scalar::float32, 5});
+  REQUIRE(right);
+  CHECK(right->notes.remarks.empty());
+  const auto wrong = file.read(CloudLayout{CloudLayout::Scalar::float32, 4});
+  REQUIRE(wrong);
+  REQUIRE(wrong->notes.remarks.size() == 1);
+  CHECK(wrong->notes.remarks[0].code == ErrorCode::cloud_layout);
+}
+
 TEST_CASE("a .pcd whose numbers are not what its header says is refused") {
   std::string bytes;
   for (int i = 0; i < 40; ++i) bytes += bytes_of(1.5 + i / 7., 2.5 - i / 9., 0.3 * i, 0.1);

@@ -31,8 +31,13 @@ Result<LidarScan> read_bin(std::string_view bytes, const fs::path& path, const s
   if (const auto fits = check_cloud_layout(bytes, layout, stated ? LayoutIs::stated : LayoutIs::assumed); !fits)
     return fail(fits.error().code, path.string() + ' ' + fits.error().context +
                                        "; say how it is written: cloud_layout in a list, or --cloud-layout");
-  return layout.scalar == CloudLayout::Scalar::float32 ? read_points<float>(bytes, layout.columns)
-                                                       : read_points<double>(bytes, layout.columns);
+  LidarScan scan = layout.scalar == CloudLayout::Scalar::float32 ? read_points<float>(bytes, layout.columns)
+                                                                 : read_points<double>(bytes, layout.columns);
+  // What somebody has stated is believed, and the doubt is told.
+  if (stated)
+    if (const auto fits = check_cloud_layout(bytes, layout, LayoutIs::assumed); !fits)
+      scan.notes.remarks.push_back(fits.error());
+  return scan;
 }
 
 }  // namespace
