@@ -379,7 +379,8 @@ DiagnosisReport Service::diagnose_pairs(const std::optional<std::string>& name) 
          .topics = pair->topics,
          .T_camera_lidar = pair->state.T_camera_lidar,
          .image_topics_in_use = image_topics,
-         .picture_folder = config_.state_dir / "doctor"},
+         .picture_folder = config_.state_dir / "doctor",
+         .verdict = std::string(to_string(status_of(*pair).verdict))},
         *network_, *pair->depth, [this] { return keep_going(); }, report);
   }
   return report;
