@@ -84,7 +84,7 @@ InfoReduction read_reduction(const ConfigNode& node) {
 CameraConfig read_camera(const ConfigNode& node) {
   node.with_keys({"image", "info", "info_reduction", "frame_id", "bits", "model", "size", "intrinsics", "distortion"});
   CameraConfig camera{.image = read_topic(node.at("image")), .info = {}, .camera = read_camera_model(node)};
-  if (const auto info = node.find("info")) camera.info = read_topic(*info);
+  if (const auto info = node.find("info")) camera.info = CameraInfoTopic{.name = read_topic(*info)};
   if (const auto reduction = node.find("info_reduction")) {
     if (!camera.info) reduction->refuse("is about info, which is not given");
     camera.info->reduction = read_reduction(*reduction);

@@ -92,7 +92,7 @@ Result<std::optional<FramePair>> listen(const DiagnosisInput& input, Network& ne
   seen.topics_in_use = input.image_topics_in_use;
   for (const TopicObservation& topic : seen.topics) seen.topics_in_use.insert(topic.topic);
   PairTopics topics = input.topics;
-  if (!topics.camera_info) topics.camera_info = conventional_camera_info(topics.image);
+  if (!topics.camera_info) topics.camera_info = CameraInfoTopic{.name = conventional_camera_info(topics.image)};
   auto window = network.open_window(topics);
   if (!window) return propagate(window);
   const Companions companions{.right_image = topics.right_image.has_value(), .depth = topics.depth.has_value()};

@@ -49,10 +49,6 @@ Verdict shown(DriftVerdict verdict) {
   return Verdict::not_evaluated;
 }
 
-bool speaks_of_drift(DriftVerdict verdict) {
-  return verdict == DriftVerdict::suspect || verdict == DriftVerdict::drifted;
-}
-
 Result<Measurement> PairPipeline::measure(const FramePair& pair, const PairState& state, DepthEstimator& depth,
                                           const std::function<bool()>& keep_going) const {
   // Light, texture and motion, before anything costs time.

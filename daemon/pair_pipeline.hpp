@@ -215,8 +215,7 @@ class PairPipeline {
   PairSettings settings_;
 };
 
-/// The verdict that evidence alone carries, and whether that is of drift.
+/// The verdict that evidence alone carries.
 [[nodiscard]] Verdict shown(DriftVerdict verdict);
-[[nodiscard]] bool speaks_of_drift(DriftVerdict verdict);
 
 }  // namespace calib

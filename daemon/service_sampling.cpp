@@ -91,7 +91,7 @@ Result<FramePair> Service::collect(Pair& pair) {
   if (stopping()) return tl::unexpected(buffer.why_none());
   if (pair.topics.camera_info && !pair.camera_info.heard && pair.camera_info.windows_to_wait > 0 &&
       --pair.camera_info.windows_to_wait == 0)
-    note(pair, {ErrorCode::camera_info_missing, *pair.topics.camera_info +
+    note(pair, {ErrorCode::camera_info_missing, pair.topics.camera_info->name +
                                                     ": no CameraInfo came, which camera.info promises; pairs are "
                                                     "evaluated without it"});
   if (pair.camera_info.contradiction) return tl::unexpected(*pair.camera_info.contradiction);
@@ -155,7 +155,8 @@ std::optional<Error> Service::receive(Pair& pair, Sample sample, PairBuffer& buf
   } else if (const auto* right_info = std::get_if<RightCameraInfo>(&sample)) {
     pair.depth->set_right_camera_info(right_info->info);
   } else if (const auto* malformed = std::get_if<Malformed>(&sample)) {
-    if (malformed->topic == pair.topics.camera_info) pair.camera_info.heard = true;  // and says nothing
+    if (pair.topics.camera_info && malformed->topic == pair.topics.camera_info->name)
+      pair.camera_info.heard = true;                                      // and says nothing
     ++pair.state.skipped[std::string(to_string(malformed->error.code))];  // a counter, saved with the next decision
     return Error{malformed->error.code, malformed->topic + ": " + malformed->error.context};
   }

@@ -36,7 +36,8 @@ std::vector<TopicObservation> topics_to_probe(const PairTopics& topics, bool cam
   add("cloud", "lidar.cloud", topics.cloud, type_name(cloud_type));
   if (topics.right_camera_info)
     add("right_camera_info", "depth.right_info", *topics.right_camera_info, type_name(camera_info_type));
-  add("camera_info", "camera.info", topics.camera_info.value_or(conventional_camera_info(topics.image)),
+  add("camera_info", "camera.info",
+      topics.camera_info ? topics.camera_info->name : conventional_camera_info(topics.image),
       type_name(camera_info_type));
   probed.back().configured = camera_info_is_configured;
   return probed;

@@ -25,10 +25,8 @@ enum class InfoReduction {
   size_only      // width and height are of the full sensor, K and P of the image
 };
 /// The name of a topic of CameraInfo, and how its binning and roi are read.
-struct CameraInfoTopic : std::string {
-  CameraInfoTopic() = default;
-  CameraInfoTopic(std::string name) : std::string(std::move(name)) {}
-  CameraInfoTopic(const char* name) : std::string(name) {}
+struct CameraInfoTopic {
+  std::string name;
   InfoReduction reduction = InfoReduction::as_specified;
 };
 

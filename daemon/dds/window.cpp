@@ -131,7 +131,7 @@ Result<void> SamplingWindow::add_all(dds_entity_t participant, const PairTopics&
                 take_next<DecodedCloud, sensor_msgs_msg_dds__PointCloud2_, cloud>, {.max_points = topics.max_points});
   const Limits of_info{.reduction = topics.camera_info.value_or(CameraInfoTopic()).reduction};
   if (added && topics.camera_info)
-    added = add(participant, camera_info_type, *topics.camera_info, take_next<CameraInfo, Info, info>, of_info);
+    added = add(participant, camera_info_type, topics.camera_info->name, take_next<CameraInfo, Info, info>, of_info);
   if (added && topics.right_camera_info)
     added =
         add(participant, camera_info_type, *topics.right_camera_info, take_next<RightCameraInfo, Info, info>, of_info);

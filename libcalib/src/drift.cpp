@@ -48,10 +48,6 @@ constexpr double clear_share = 0.8;
 constexpr double mean_sigmas = 1.5;
 /// An axis that was found to have moved by fewer standard deviations is not named.
 constexpr double shown_sigmas = 2;
-/// Verdicts about the baseline that is being learned.
-constexpr bool is_of_start(DriftVerdict verdict) {
-  return verdict == DriftVerdict::suspect || verdict == DriftVerdict::drifted;
-}
 
 double median(double a, double b, double c) { return std::max(std::min(a, b), std::min(std::max(a, b), c)); }
 
@@ -204,7 +200,7 @@ DriftVerdict DriftMonitor::decide() const {
   const double now = evidence();
   if (now >= 1) return DriftVerdict::drifted;
   // Hysteresis: what was drifted stays so, and what was suspect stays so, until little evidence is left.
-  if (now >= evidence_share && (before == DriftVerdict::drifted || before == DriftVerdict::suspect)) return before;
+  if (now >= evidence_share && speaks_of_drift(before)) return before;
   if (now >= suspect_share) return DriftVerdict::suspect;
   // Hysteresis here too: it takes a clear margin to call the detection power sufficient again.
   const double share = before == DriftVerdict::calibrated ? 1 : clear_share;
@@ -217,7 +213,7 @@ DriftVerdict DriftMonitor::decide() const {
 /// The verdict while there is no baseline.
 DriftVerdict DriftMonitor::decide_from_start() const {
   const DriftBaseline& seen = state_.baseline;
-  const DriftVerdict before = is_of_start(verdict()) ? verdict() : DriftVerdict::learning;
+  const DriftVerdict before = speaks_of_drift(verdict()) ? verdict() : DriftVerdict::learning;
   if (seen.pairs < least_start_pairs) return before;
   double sigmas = 0;
   for (int axis = 0; axis < 6; ++axis)
@@ -340,7 +336,7 @@ double DriftMonitor::detection_limit(int axis) const {
 }
 
 std::optional<Timestamp> DriftMonitor::onset() const {
-  if (verdict() != DriftVerdict::suspect && verdict() != DriftVerdict::drifted) return std::nullopt;
+  if (!speaks_of_drift(verdict())) return std::nullopt;
   if (!learned()) return Timestamp::min();
   // The run of a slower chart may reach back into chance; where a quicker one has evidence too, its run is shorter.
   for (std::size_t chart = 0; chart < limits_.size(); ++chart) {

@@ -5,10 +5,10 @@ import json
 import shutil
 import subprocess
 import sys
-import types
 
 import numpy as np
 import pytest
+from conftest import numbers_of
 
 sys.path.insert(0, str(__import__("pathlib").Path(__file__).parents[1] / "support"))
 import write_bag as bag  # noqa: E402
@@ -18,30 +18,11 @@ SEARCHES = ["--rotation-deg", 1, "--starts", 4]
 
 
 @pytest.fixture(scope="module")
-def evaluate(bin_dir):
-    def run(*arguments):
-        ended = subprocess.run([bin_dir / "calib-eval", *map(str, arguments)], capture_output=True, text=True, timeout=250)
-        return types.SimpleNamespace(exit=ended.returncode, out=ended.stdout, err=ended.stderr)
-
-    return run
-
-
-@pytest.fixture(scope="module")
 def drive(bin_dir, tmp_path_factory):
     ended = subprocess.run([bin_dir / "calib-sim", "--dump", tmp_path_factory.mktemp("drive"), "--rate", "0.2", "--width", "480",
                             "--height", "144", "--frames", "5", "--lidar-step-deg", "0.4", "--lidar-fov-deg", "140"],
                            capture_output=True, text=True, timeout=250, check=True)
     return bag.Drive(json.loads(ended.stdout.splitlines()[-1])["drive"])
-
-
-def numbers_of(path):
-    """All of a result that does not depend on the clock."""
-    result = json.loads(path.read_text())
-    for entry in result["cells"]:
-        del entry["seconds_per_run"]
-    for entry in result["runs"]:
-        del entry["seconds"]
-    return result["cells"], result["runs"]
 
 
 @pytest.fixture(scope="module")

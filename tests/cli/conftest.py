@@ -63,6 +63,27 @@ def write_store(bin_dir, calibctl, verdict, *more):
 
 
 @pytest.fixture(scope="session")
+def evaluate(bin_dir):
+    """Runs calib-eval."""
+
+    def run(*arguments):
+        ended = subprocess.run([bin_dir / "calib-eval", *map(str, arguments)], capture_output=True, text=True, timeout=250)
+        return types.SimpleNamespace(exit=ended.returncode, out=ended.stdout, err=ended.stderr)
+
+    return run
+
+
+def numbers_of(path):
+    """All of a result of `calib-eval calibrate` that does not depend on the clock."""
+    result = json.loads(path.read_text())
+    for entry in result["cells"]:
+        del entry["seconds_per_run"]
+    for entry in result["runs"]:
+        del entry["seconds"]
+    return result["cells"], result["runs"]
+
+
+@pytest.fixture(scope="session")
 def schema(source_dir):
     """Validates a value against proto/NAME.schema.json."""
     jsonschema = pytest.importorskip("jsonschema")

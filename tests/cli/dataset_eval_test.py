@@ -9,6 +9,7 @@ import types
 
 import numpy as np
 import pytest
+from conftest import numbers_of
 from PIL import Image
 
 sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "support"))
@@ -33,15 +34,6 @@ def drive(run, tmp_path_factory):
                 "--frames", "5", "--lidar-step-deg", "0.4", "--lidar-fov-deg", "140")
     assert ended.exit == DONE, ended.err
     return bag.Drive(json.loads(ended.out.splitlines()[-1])["drive"])
-
-
-def numbers_of(path):
-    result = json.loads(path.read_text())
-    for entry in result["cells"]:
-        del entry["seconds_per_run"]
-    for entry in result["runs"]:
-        del entry["seconds"]
-    return result["cells"], result["runs"]
 
 
 def text(matrix):

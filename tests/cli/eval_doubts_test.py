@@ -2,22 +2,10 @@
 
 import json
 import subprocess
-import types
 
 import pytest
 
 DONE, DOUBTFUL = 0, 4
-
-
-@pytest.fixture(scope="module")
-def evaluate(bin_dir):
-    """Runs calib-eval."""
-
-    def run(*arguments):
-        ended = subprocess.run([bin_dir / "calib-eval", *map(str, arguments)], capture_output=True, text=True, timeout=250)
-        return types.SimpleNamespace(exit=ended.returncode, out=ended.stdout, err=ended.stderr)
-
-    return run
 
 
 @pytest.fixture(scope="module")

@@ -15,17 +15,6 @@ from PIL import Image
 DONE, FAILED, USAGE = range(3)
 
 
-@pytest.fixture(scope="module")
-def evaluate(bin_dir):
-    """Runs calib-eval."""
-
-    def run(*arguments):
-        ended = subprocess.run([bin_dir / "calib-eval", *map(str, arguments)], capture_output=True, text=True, timeout=250)
-        return types.SimpleNamespace(exit=ended.returncode, out=ended.stdout, err=ended.stderr)
-
-    return run
-
-
 def dump(bin_dir, folder, *options):
     """What calib-sim says of the recording that it has written."""
     ended = subprocess.run([bin_dir / "calib-sim", "--dump", folder, "--rate", "0.2", *options], capture_output=True, text=True,

@@ -103,7 +103,7 @@ TEST_CASE("binning and roi of both cameras' CameraInfo are read as the topic say
   const auto left = require_ok(make_writer(peer().participant(), camera_info_type, "/left/info", reliable));
   const auto right = require_ok(make_writer(peer().participant(), camera_info_type, "/right/info", reliable));
   PairTopics told = topics;
-  told.camera_info = "/left/info";
+  told.camera_info = CameraInfoTopic{"/left/info"};
   told.right_camera_info = "/right/info";
   CameraInfoMessage binned;
   binned.binning_x = binned.binning_y = 2;

@@ -34,7 +34,7 @@ Peer& peer() {
   return the_peer;
 }
 
-const PairTopics topics{"/left/image", "/right/image", "/points", "/left/camera_info"};
+const PairTopics topics{"/left/image", "/right/image", "/points", CameraInfoTopic{"/left/camera_info"}};
 
 }  // namespace
 

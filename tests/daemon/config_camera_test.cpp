@@ -29,7 +29,7 @@ TEST_CASE("how binning and roi of CameraInfo are read goes with its topic") {
   CHECK(topic_of(require_ok(of("as_specified"))).reduction == InfoReduction::as_specified);
   CHECK(topic_of(require_ok(of("ignored"))).reduction == InfoReduction::ignored);
   CHECK(topic_of(require_ok(of("size_only"))).reduction == InfoReduction::size_only);
-  CHECK(topic_of(require_ok(of("size_only"))) == "/i");
+  CHECK(topic_of(require_ok(of("size_only"))).name == "/i");
   CHECK(of("none").error().context ==
         "c.yaml:4: pairs[0].camera.info_reduction: is none of: as_specified, ignored, size_only");
   CHECK_THAT(parse(", info_reduction: ignored").error().context,

@@ -111,7 +111,7 @@ TEST_CASE("every key is read, into SI units") {
   const PairConfig& pair = config.pairs[0];
   CHECK(pair.name == "front");
   CHECK(pair.camera.image == "/left/image");
-  CHECK(pair.camera.info == "/left/camera_info");
+  CHECK(pair.camera.info->name == "/left/camera_info");
   CHECK(pair.camera.frame_id.name == "camera_left/optical");
   CHECK(pair.camera.camera.model() == CameraModel::rectified);
   CHECK(pair.camera.camera.width() == 1242);

@@ -49,7 +49,7 @@ TEST_CASE("the topics to probe are those of the configuration, with the types th
   CHECK((probed[2].key == "lidar.cloud" && probed[2].type == "sensor_msgs/msg/PointCloud2"));
   CHECK((probed[3].topic == "/left/camera_info" && !probed[3].configured && probed[2].configured));
 
-  PairTopics others{.image = "/a/image/compressed", .cloud = "/points", .camera_info = "/told"};
+  PairTopics others{.image = "/a/image/compressed", .cloud = "/points", .camera_info = CameraInfoTopic{"/told"}};
   others.depth = DepthTopic{"/d", DepthMessage::disparity};
   others.motion = MotionTopic{"/odom", MotionMessage::odometry};
   const auto all = topics_to_probe(others, true);

@@ -159,18 +159,19 @@ PairScenario::PairScenario(const Settings& settings) : other_program_(nullptr, &
                                  .right_camera = rectified_right_camera(vehicle.camera, vehicle.baseline_m),
                                  .right_info = {}};
   config_.state_dir = config_.head_dir = config_.runtime_dir = folder_.path();
-  config_.pairs.push_back({.name = "front",
-                           .camera = {.image = "/image",
-                                      .info = settings.camera_info ? std::optional<std::string>("/info") : std::nullopt,
-                                      .frame_id = settings.camera_frame,
-                                      .camera = vehicle.camera},
-                           .lidar = {.cloud = "/cloud"},
-                           .T_camera_lidar = vehicle.T_camera_lidar * perturbation(settings.wrong_from_start),
-                           .depth = stereo,
-                           .depth_range = {0.5, 200},
-                           .drift = {},
-                           .recalibration = {.mode = settings.mode, .frames = 16},
-                           .evidence_text = std::string(64, 'e')});
+  config_.pairs.push_back(
+      {.name = "front",
+       .camera = {.image = "/image",
+                  .info = settings.camera_info ? std::optional(CameraInfoTopic{"/info"}) : std::nullopt,
+                  .frame_id = settings.camera_frame,
+                  .camera = vehicle.camera},
+       .lidar = {.cloud = "/cloud"},
+       .T_camera_lidar = vehicle.T_camera_lidar * perturbation(settings.wrong_from_start),
+       .depth = stereo,
+       .depth_range = {0.5, 200},
+       .drift = {},
+       .recalibration = {.mode = settings.mode, .frames = 16},
+       .evidence_text = std::string(64, 'e')});
   if (settings.learned) {
     for (const auto& file : std::filesystem::directory_iterator(school()))
       std::filesystem::copy(file.path(), folder_.path());

@@ -133,6 +133,9 @@ struct DriftSettings {
 /// `learning`: there is no baseline yet and no evidence of misalignment. `insufficient_power`: there is one, and the
 /// detection limit of a rotation exceeds what must be detected.
 enum class DriftVerdict { learning, insufficient_power, calibrated, suspect, drifted };
+[[nodiscard]] constexpr bool speaks_of_drift(DriftVerdict verdict) {
+  return verdict == DriftVerdict::suspect || verdict == DriftVerdict::drifted;
+}
 
 /// Charts on one sequence, by falling reference value: the first finds large shifts within a few pairs, each further
 /// one finds smaller shifts within more.

@@ -101,15 +101,23 @@ Decompressed decompress_lz4(std::span<const std::uint8_t> in, std::uint64_t most
   return result;
 }
 
+Result<Octets> plain_message(Octets bytes, std::uint64_t most, const std::string& source) {
+  if (!is_zstd(bytes)) return bytes;
+  Decompressed plain = decompress_zstd(bytes, most);
+  if (!plain.complete) return fail(ErrorCode::file_unreadable, "a compressed message of " + source + " is damaged");
+  return std::move(plain.bytes);
+}
+
 Result<DecompressedFile> decompress_zstd_file(const ByteSource& in) {
   std::error_code error;
   const auto folder = std::filesystem::temp_directory_path(error);
-  std::string name = ((error ? std::filesystem::path("/tmp") : folder) / "calibd-bag-XXXXXX").string();
+  std::string name = (folder / "calibd-bag-XXXXXX").string();
   const int descriptor = ::mkstemp(name.data());
   const auto failed = [&name](const std::string& why) {
     return fail(ErrorCode::write_failed, "the recording cannot be decompressed into " + name + ": " + why +
                                              "; set TMPDIR to a folder with more room, or decompress it with zstd");
   };
+  if (descriptor < 0 && error) return failed(error.message());
   if (descriptor < 0) return failed(std::error_code(errno, std::generic_category()).message());
   DecompressedFile result{std::make_unique<TemporaryFile>(name), false};
   const std::unique_ptr<const int, void (*)(const int*)> closing(&descriptor, [](const int* open) { ::close(*open); });

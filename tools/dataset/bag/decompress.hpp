@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <string>
 
 #include "dataset/bag/byte_source.hpp"
 
@@ -21,6 +22,9 @@ struct Decompressed {
 
 /// Whether bytes begin as a frame of Zstandard does.
 [[nodiscard]] bool is_zstd(std::span<const std::uint8_t> bytes);
+
+/// A message as its writer had it, who may have compressed it. Fails with `file_unreadable` where it is damaged.
+[[nodiscard]] Result<Octets> plain_message(Octets bytes, std::uint64_t most, const std::string& source);
 
 struct DecompressedFile {
   std::unique_ptr<TemporaryFile> file;

@@ -103,10 +103,7 @@ class McapFile : public BagStorage {
     } else if (message.chunk >= chunks_.size() || !open_chunk(message.chunk)->read(message.at, bytes)) {
       return unreadable();
     }
-    if (!is_zstd(bytes)) return bytes;
-    Decompressed plain = decompress_zstd(bytes, most_bytes);
-    if (!plain.complete) return fail(ErrorCode::file_unreadable, "a compressed message of " + name_ + " is damaged");
-    return std::move(plain.bytes);
+    return plain_message(std::move(bytes), most_bytes, name_);
   }
 
  private:

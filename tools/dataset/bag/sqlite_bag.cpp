@@ -56,10 +56,7 @@ class SqliteBag : public BagStorage {
     bytes.resize(static_cast<std::size_t>(sqlite3_blob_bytes(blob_.get())));
     if (sqlite3_blob_read(blob_.get(), bytes.data(), static_cast<int>(bytes.size()), 0) != SQLITE_OK)
       return unreadable();
-    if (!is_zstd(bytes)) return bytes;
-    Decompressed plain = decompress_zstd(bytes, most_bytes);
-    if (!plain.complete) return fail(ErrorCode::file_unreadable, "a compressed message of " + name_ + " is damaged");
-    return std::move(plain.bytes);
+    return plain_message(std::move(bytes), most_bytes, name_);
   }
 
  private:
