@@ -237,6 +237,9 @@ PairStatus PairPipeline::status(const PairState& state, const std::optional<Erro
     status.detection_limit.emplace();
     for (int axis = 0; axis < 6; ++axis) (*status.detection_limit)[axis] = drift.detection_limit(axis);
   }
+  if (const double pairs = drift.pairs_to_notice(); std::isfinite(pairs))
+    status.notice = {settings_.drift.must_detect_rotation_rad,
+                     pairs * std::chrono::duration<double>(settings_.sampling.period).count()};
   status.T_camera_lidar = state.T_camera_lidar;
   return status;
 }
