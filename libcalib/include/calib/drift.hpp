@@ -206,6 +206,9 @@ class DriftMonitor {
   /// Outside the basin each axis is estimated separately, with a standard deviation of two stencil steps. Needs three
   /// pairs and a baseline.
   [[nodiscard]] std::optional<Misalignment> misalignment() const;
+  /// What a search has found, with the bias of the depth source in its variance: as the slopes of the baseline show it,
+  /// or as much as is allowed for where there is no baseline, and no more than the search's bounds.
+  [[nodiscard]] Misalignment with_bias(Misalignment found, const SearchBounds& bounds) const;
   /// The smallest shift along an axis (rad or m) that is detected within `pairs_to_detect`; infinite for an axis that
   /// is not observable, and without a baseline.
   [[nodiscard]] double detection_limit(int axis) const;
