@@ -146,7 +146,8 @@ struct DefaultFolders {
 [[nodiscard]] Result<Config> parse_config(std::string_view yaml, const std::filesystem::path& file,
                                           const DefaultFolders& defaults);
 
-/// `parse_config` of a file of at most 1 MiB. Fails also with `config_not_found`.
+/// `parse_config` of a file of at most 1 MiB. Fails also with `config_not_found`, and with `bad_config` for the values
+/// of the example that is installed: name, topics and extrinsic as a whole.
 [[nodiscard]] Result<Config> load_config(const std::filesystem::path& file, const DefaultFolders& defaults);
 
 }  // namespace calib
