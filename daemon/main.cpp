@@ -21,6 +21,7 @@
 #include "build_id.hpp"
 #include "config_check.hpp"
 #include "control.hpp"
+#include "dds/reach.hpp"
 #include "file_limit.hpp"
 #include "journal.hpp"
 #include "message_ids.hpp"
@@ -190,7 +191,9 @@ int report_check(const std::filesystem::path& file, const calib::Config& config)
     std::fprintf(stderr, "%s: %s\n", name.c_str(), calib::escape_control(files.error().context).c_str());
     return exit_config;
   }
-  const auto slips = calib::probable_slips(config);
+  auto slips = calib::probable_slips(config);
+  if (auto obstacle = calib::obstacle_to_domain(config.dds.domain, config.dds.interface, config.dds.multicast))
+    slips.push_back(std::move(obstacle->context));
   for (const std::string& slip : slips) std::printf("%s: warning: %s\n", name.c_str(), slip.c_str());
   std::printf("%s: %s, %zu pair%s\n", name.c_str(), slips.empty() ? "good" : "valid", config.pairs.size(),
               config.pairs.size() == 1 ? "" : "s");
