@@ -42,7 +42,7 @@ std::optional<Error> obstacle_of_interface(std::string_view wanted) {
     has_address = has_address || is_ipv4;
   }
   const auto refuse = [&](std::string_view what, std::string_view remedy) {
-    return Error{ErrorCode::bad_interface, fmt::format("dds.interface: {}; {}", what, remedy)};
+    return Error{ErrorCode::dds_failed, fmt::format("dds.interface: {}; {}", what, remedy)};
   };
   if (!exists)
     return refuse(fmt::format("there is no network interface {}", wanted),

@@ -37,7 +37,7 @@ class Selfish {
 TEST_CASE("an interface that does not exist is named, with those that do") {
   const auto obstacle = obstacle_to_domain(domain(), "nosuch0", true);
   REQUIRE(obstacle);
-  CHECK(obstacle->code == ErrorCode::bad_interface);
+  CHECK(obstacle->code == ErrorCode::dds_failed);
   CHECK_THAT(obstacle->context,
              Catch::Matchers::StartsWith("dds.interface: there is no network interface nosuch0; there are: ") &&
                  Catch::Matchers::Contains("lo (127.0.0.1)"));

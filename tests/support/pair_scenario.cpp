@@ -198,7 +198,7 @@ void PairScenario::open() {
   service_ = require_ok(
       Service::make(config_, std::move(ledger), std::make_unique<Sensors>(*this),
                     {.clock = [this] { return now_; },
-                     .log = [this](int, std::string_view, std::string_view text) { journal_.emplace_back(text); },
+                     .log = [this](int, std::string_view, const JournalText& what) { journal_.push_back(what.text); },
                      .make_depth = [this](const PairConfig&) -> Result<std::unique_ptr<DepthEstimator>> {
                        return std::make_unique<StereoCamera>(world_);
                      }}));
