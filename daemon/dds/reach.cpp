@@ -71,7 +71,7 @@ std::optional<Error> obstacle_of_port(std::uint32_t domain, int port) {
         fmt::format("dds.domain: UDP port {0} of domain {1} is in use by a program that does not share it; `ss "
                     "-lunp sport = {0}` shows which; end it, or use another domain",
                     port, domain)};
-  const bool denied = why == EACCES || why == EPERM;
+  const bool denied = why == EACCES || why == EPERM || why == EAFNOSUPPORT;  // the last by RestrictAddressFamilies=
   return Error{
       ErrorCode::dds_failed,
       fmt::format("dds.domain: UDP port {} of domain {} cannot be opened: {}{}", port, domain, std::strerror(why),

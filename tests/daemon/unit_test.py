@@ -157,6 +157,19 @@ def test_sighup_never_ends_calibd(service):
     assert service.show("calibd", "MainPID", "ActiveState", "NRestarts") == {**before, "ActiveState": "active", "NRestarts": "0"}
 
 
+def test_a_domain_that_the_unit_may_not_open_says_so(service):
+    drop_in = "/etc/systemd/system/calibd.service.d/no-network.conf"
+    service.write(drop_in, "[Service]\nRestrictAddressFamilies=\nRestrictAddressFamilies=AF_UNIX\n")
+    service.run("systemctl", "daemon-reload", check=True)
+    try:
+        assert service.run("systemctl", "start", "calibd").returncode != 0
+        line = until(lambda: lines_of_calibd(service))[-1]
+        assert "dds.domain: UDP port 9150 of domain 7 cannot be opened" in line and "RestrictAddressFamilies=" in line
+    finally:
+        service.run("rm", drop_in, check=True)
+        service.run("systemctl", "daemon-reload", check=True)
+
+
 def test_events_have_fields_in_the_journal(service):
     service.run("systemctl", "start", "calibd", check=True)
     service.run("calibctl", "rollback", "front", "--to", "1", check=True)
