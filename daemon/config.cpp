@@ -251,7 +251,10 @@ std::chrono::nanoseconds evidence_lifetime(const SamplingConfig& sampling, std::
 
 Result<Config> parse_config(std::string_view yaml, const std::filesystem::path& file, const DefaultFolders& defaults) {
   Config config;
-  const auto read = parse_config_text(yaml, file, [&](const ConfigNode& top) { config = read_config(top, defaults); });
+  const auto read = parse_config_text(yaml, file, [&](const ConfigNode& top) {
+    config = read_config(top, defaults);
+    config.values = top.values();
+  });
   if (!read) return propagate(read);
   config.sha256 = sha256_hex(yaml);
   return config;

@@ -66,6 +66,11 @@ json encode(const Answer& answer) {
   return reply;
 }
 
+json encode(const ConfigChanges& changes) {
+  return {
+      {"ok", true}, {"answer", "reloaded"}, {"taken_over", changes.taken_over}, {"need_restart", changes.need_restart}};
+}
+
 std::string pair_of(const json& request) {
   const json pair = request.value("pair", json());
   return pair.is_string() ? pair.get<std::string>() : "";
@@ -87,6 +92,7 @@ Result<ControlRequest> decode_request(const json& request) {
   }
   if (what == "recalibrate")
     return RecalibrationRequest{pair_of(request), request.value("dry_run", json(false)) == true};
+  if (what == "reload") return ReloadRequest{};
   if (what == "accept") return AcceptRequest{pair_of(request)};
   if (what == "rollback") {
     const json to = request.value("to", json());
@@ -94,7 +100,8 @@ Result<ControlRequest> decode_request(const json& request) {
       return fail(ErrorCode::bad_request, "\"to\" is a record's number or null");
     return RollbackRequest{pair_of(request), to.is_null() ? std::nullopt : std::optional(to.get<std::uint64_t>())};
   }
-  return fail(ErrorCode::bad_request, "the requests are status, records, doctor, recalibrate, accept and rollback");
+  return fail(ErrorCode::bad_request,
+              "the requests are status, records, doctor, recalibrate, accept, rollback and reload");
 }
 
 json encode_reply(const ControlReply& reply) {

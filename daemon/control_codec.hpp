@@ -9,6 +9,7 @@
 
 #include "calib/signature.hpp"
 #include "calib/status.hpp"
+#include "config_reload.hpp"
 #include "diagnosis.hpp"
 #include "pair_pipeline.hpp"
 
@@ -30,6 +31,8 @@ struct RecalibrationRequest {
   std::string pair;
   bool dry_run = false;
 };
+/// The configuration, anew from its file.
+struct ReloadRequest {};
 struct AcceptRequest {
   std::string pair;
 };
@@ -38,8 +41,8 @@ struct RollbackRequest {
   std::string pair;
   std::optional<std::uint64_t> to;
 };
-using ControlRequest =
-    std::variant<StatusRequest, RecordsRequest, DiagnosisRequest, RecalibrationRequest, AcceptRequest, RollbackRequest>;
+using ControlRequest = std::variant<StatusRequest, RecordsRequest, DiagnosisRequest, RecalibrationRequest,
+                                    AcceptRequest, RollbackRequest, ReloadRequest>;
 
 /// Some of the store's records, both texts empty where one is missing.
 struct RecordsPage {
@@ -47,7 +50,7 @@ struct RecordsPage {
   std::vector<SignedRecord> records;
 };
 /// An `Error` has one of the codes `bad_request`, `not_found`, `not_ready`, `denied` and `failed`.
-using ControlReply = std::variant<Error, Status, RecordsPage, DiagnosisReport, Answer>;
+using ControlReply = std::variant<Error, Status, RecordsPage, DiagnosisReport, Answer, ConfigChanges>;
 
 /// A request as `parse_request` lets it pass. Fails with `bad_request`.
 [[nodiscard]] Result<ControlRequest> decode_request(const nlohmann::json& request);

@@ -60,7 +60,7 @@ class Ledger {
   /// Writes the states of pairs that have new evidence since their last `write`: all of them, also those that were
   /// written by the call before. Durable when it returns.
   [[nodiscard]] Result<void> write_evidence(const std::map<std::string_view, const PairState*>& states);
-  /// Whether `write` would find the store in its place and unlocked. Writes nothing.
+  /// Whether `write` would find the store in its place and unlocked, and room on the disk. Writes nothing.
   [[nodiscard]] Result<void> is_writable();
 
   /// The state that was written last; nothing when there is none. Fails with `malformed_state` when its MAC is wrong,
@@ -75,6 +75,9 @@ class Ledger {
   [[nodiscard]] std::uint64_t waiting_alert_count() const;
   [[nodiscard]] std::string key_id() const { return key_.public_key().id_text(); }
   [[nodiscard]] const Provenance& provenance() const { return provenance_; }
+
+  /// The configuration that later records name.
+  void set_configuration(std::string sha256) { provenance_.configuration_sha256 = std::move(sha256); }
 
   /// A sentence about records that had been written and are missing from the store. The next record contains it, too.
   [[nodiscard]] const std::optional<std::string>& records_missing() const { return records_missing_; }

@@ -26,11 +26,15 @@ namespace calib {
 struct Surroundings {
   Clock clock = system_clock;
   /// May be called from any thread.
-  std::function<void(int priority, std::string_view message_id, std::string_view text)> log = journal;
+  std::function<void(int priority, std::string_view message_id, const JournalText& what)> log = journal;
   /// In the place of the depth that the configuration asks for.
   DepthSource::Make make_depth{};
   /// Called by the thread that runs whenever there is something new to show.
   std::function<void()> status_changed = [] {};
+  /// Reads the configuration again, checked as at a start.
+  std::function<Result<Config>()> read_config = [] {
+    return fail(ErrorCode::failed, "there is no configuration file");
+  };
 };
 
 /// A request that waits for its turn. `reply` may be called from any thread, once.
@@ -72,6 +76,8 @@ class Service {
   [[nodiscard]] Result<Answer> accept(std::size_t pair, std::string asked_by);
   /// Back to the extrinsic of record `to`; of the one before the present one when there is none.
   [[nodiscard]] Result<Answer> roll_back(std::size_t pair, std::optional<std::uint64_t> to, std::string asked_by);
+  /// Takes over of a changed configuration what can change without losing state. One that is wrong changes nothing.
+  [[nodiscard]] Result<ConfigChanges> reload();
   /// Writes the evidence that waits, of all pairs at once. `run` does that once a minute and at its end.
   void save_evidence();
   /// For how long it waits at most.
@@ -146,13 +152,18 @@ class Service {
   [[nodiscard]] ControlReply answer(const RecalibrationRequest& request, const Peer& peer);
   [[nodiscard]] ControlReply answer(const AcceptRequest& request, const Peer& peer);
   [[nodiscard]] ControlReply answer(const RollbackRequest& request, const Peer& peer);
+  [[nodiscard]] ControlReply answer(const ReloadRequest& request, const Peer& peer);
   [[nodiscard]] ControlReply change(const std::string& name, const Peer& peer,
                                     const std::function<Result<Answer>(std::size_t pair, std::string asked_by)>& make);
-  [[nodiscard]] DiagnosisReport diagnose_pairs(const std::optional<std::string>& name);
   [[nodiscard]] Result<std::size_t> find(const std::string& name) const;
+
+  // service_diagnosis.cpp
+  [[nodiscard]] DiagnosisReport diagnose_pairs(const std::optional<std::string>& name);
+  [[nodiscard]] std::optional<Finding> fault_of_network(const Pair& pair, std::chrono::nanoseconds since) const;
 
   // service_sampling.cpp
   [[nodiscard]] std::variant<Measurement, Skip> measure(Pair& pair);
+  [[nodiscard]] Error explained(const Pair& pair, Error error, std::chrono::nanoseconds window_began) const;
   [[nodiscard]] std::optional<Skip> prepare(Pair& pair);
   [[nodiscard]] Result<FramePair> collect(Pair& pair);
   void note(Pair& pair, const Error& remark);
@@ -190,6 +201,7 @@ class Service {
   bool stopping_ = false;
   std::deque<PendingRequest> requests_;
   Status status_;
+  std::string reload_refused_;  // why, in words; empty when the last reload was not
   std::chrono::nanoseconds status_collected_{};
   std::uint64_t collections_ = 0;
 };

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "calib/result.hpp"
+#include "calib/wall_time.hpp"
 #include "extrinsic_formats/formats.hpp"
 
 namespace calib::ctl {
@@ -60,7 +61,7 @@ struct WaitOptions {
 Exit wait(const Paths& paths, const WaitOptions& options);
 
 /// Lists the records of one pair, or of all when `pair` is empty.
-Exit history(const Paths& paths, const std::string& pair);
+Exit history(const Paths& paths, const std::string& pair, bool as_json);
 
 struct ShowOptions {
   std::optional<std::uint64_t> sequence;  // of the last record by default
@@ -70,14 +71,29 @@ struct ShowOptions {
 Exit show(const Paths& paths, const ShowOptions& options);
 
 /// Writes every record up to the first that does not verify, as `ShowOptions::export_to` does one.
-Exit export_all(const Paths& paths, const std::filesystem::path& folder);
+Exit export_all(const Paths& paths, const std::filesystem::path& folder, bool as_json);
 
 /// Verifies `files` (exported records, in any order), or the whole chain of the store when there are none.
-Exit verify(const Paths& paths, const std::vector<std::filesystem::path>& files);
+Exit verify(const Paths& paths, const std::vector<std::filesystem::path>& files, bool as_json);
 
-Exit recalibrate(const Paths& paths, const std::string& pair, bool dry_run);
-Exit accept(const Paths& paths, const std::string& pair);
-Exit roll_back(const Paths& paths, const std::string& pair, std::optional<std::uint64_t> to);
+Exit recalibrate(const Paths& paths, const std::string& pair, bool dry_run, bool as_json);
+Exit accept(const Paths& paths, const std::string& pair, bool as_json);
+Exit roll_back(const Paths& paths, const std::string& pair, std::optional<std::uint64_t> to, bool as_json);
+
+/// `2026-01-31T12:00:00Z`, `2026-01-31` (UTC), or so long before now: `90min`, `2h`, `7d`.
+[[nodiscard]] std::optional<WallTime> parse_since(std::string_view text);
+struct EventsOptions {
+  std::string pair;               // of all, and of none, when empty
+  std::optional<WallTime> since;  // all when not given
+  std::filesystem::path journal;  // folder of journal files in place of the system's journal
+  bool json = false;
+};
+/// Lists what happened, from the records, the alerts in the store and the journal, oldest first. Says which of them
+/// could not be read.
+Exit events(const Paths& paths, const EventsOptions& options);
+
+/// Lets calibd read its configuration again.
+Exit reload(const Paths& paths, bool as_json);
 
 struct DoctorOptions {
   std::string pair;  // all when empty
@@ -90,6 +106,7 @@ Exit doctor(const Paths& paths, const DoctorOptions& options);
 struct ExplainOptions {
   std::string code;   // all are listed when empty
   bool page = false;  // the manual page of all codes, for scdoc
+  bool json = false;
 };
 /// Says what a code means, with an example and a remedy. Needs no daemon.
 Exit explain(const ExplainOptions& options);
@@ -120,9 +137,9 @@ Exit export_extrinsic(const Paths& paths, const ExportOptions& options);
 /// The axes of a camera frame where nothing is said: those of the format, unless the frame's name holds `optical`.
 [[nodiscard]] formats::CameraAxes axes_of(const formats::FormatFacts& facts, std::string_view camera_frame);
 
-Exit check_config(const std::filesystem::path& file);
+Exit check_config(const std::filesystem::path& file, bool as_json);
 /// Runs calib-check-model with these arguments, in place of this process; returns only when it cannot.
 Exit check_model(const std::vector<std::string>& arguments);
-Exit keygen(const std::filesystem::path& file);
+Exit keygen(const std::filesystem::path& file, bool as_json);
 
 }  // namespace calib::ctl

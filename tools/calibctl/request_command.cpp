@@ -56,27 +56,36 @@ Result<bool> show_answer(const json& reply, const std::string& pair) {
   }
 }
 
-Exit request(const Paths& paths, const std::string& pair, json question) {
+/// Whether the answer is yes: what `--json` prints is the answer itself.
+Result<bool> is_yes(const json& reply) {
+  if (!reply.contains("answer")) return fail(ErrorCode::malformed_reply, "the answer does not say what was decided");
+  return reply["answer"] != "rejected" && reply.value("would", json()) != "rejected";
+}
+
+Exit request(const Paths& paths, const std::string& pair, json question, bool as_json) {
   question["schema"] = 1;
   question["pair"] = pair;
   const auto reply = ask(paths.socket, question, recalibration_timeout, show_waiting);
   clear_waiting();
   if (!reply) return print_error(reply.error());
-  const auto yes = show_answer(*reply, pair);
+  if (as_json) std::cout << json_text(*reply, 2);
+  const auto yes = as_json ? is_yes(*reply) : show_answer(*reply, pair);
   if (!yes) return print_error(yes.error());
   return *yes ? Exit::done : Exit::no;
 }
 
 }  // namespace
 
-Exit recalibrate(const Paths& paths, const std::string& pair, bool dry_run) {
-  return request(paths, pair, {{"request", "recalibrate"}, {"dry_run", dry_run}});
+Exit recalibrate(const Paths& paths, const std::string& pair, bool dry_run, bool as_json) {
+  return request(paths, pair, {{"request", "recalibrate"}, {"dry_run", dry_run}}, as_json);
 }
 
-Exit accept(const Paths& paths, const std::string& pair) { return request(paths, pair, {{"request", "accept"}}); }
+Exit accept(const Paths& paths, const std::string& pair, bool as_json) {
+  return request(paths, pair, {{"request", "accept"}}, as_json);
+}
 
-Exit roll_back(const Paths& paths, const std::string& pair, std::optional<std::uint64_t> to) {
-  return request(paths, pair, {{"request", "rollback"}, {"to", to ? json(*to) : json()}});
+Exit roll_back(const Paths& paths, const std::string& pair, std::optional<std::uint64_t> to, bool as_json) {
+  return request(paths, pair, {{"request", "rollback"}, {"to", to ? json(*to) : json()}}, as_json);
 }
 
 }  // namespace calib::ctl
