@@ -10,11 +10,11 @@ namespace calib {
 /// What an event is about, for `journalctl PAIR=front VERDICT=drifted`: fields beside the message, left out where
 /// empty.
 struct JournalFields {
-  std::string pair;
-  std::string verdict;  // after the event
-  std::optional<std::uint64_t> record;
-  std::string reason;  // the sentence in the status
-  std::string cause;   // its code: of a pair that is not evaluated, or of a failure
+  std::string pair{};
+  std::string verdict{};  // after the event
+  std::optional<std::uint64_t> record{};
+  std::string reason{};  // the sentence in the status
+  std::string cause{};   // its code: of a pair that is not evaluated, or of a failure
 };
 
 /// A message and its fields; most messages have none.
