@@ -12,6 +12,7 @@
 #include "calib/result.hpp"
 #include "dds/names.hpp"
 #include "depth/depth_config.hpp"
+#include "feed_settings.hpp"
 
 namespace calib {
 
@@ -121,6 +122,7 @@ struct Config {
   std::filesystem::path signing_key;
   bool signing_key_is_given = false;  // in the file
   SamplingConfig sampling;
+  FeedSettings feed;
   std::vector<PairConfig> pairs;
   /// Of the file's bytes, lower-case hex. Each record names the configuration that it was computed under by it.
   std::string sha256;
