@@ -252,7 +252,7 @@ TEST_CASE_METHOD(FeedFixture, "trouble is told once, and again when it comes bac
   CHECK(told() == "trouble trouble");
 }
 
-TEST_CASE_METHOD(FeedFixture, "a full outbox loses the oldest and says which") {
+TEST_CASE_METHOD(FeedFixture, "a full outbox loses the oldest and says which", "[release-only]") {
   in_transaction([&](const auto& writer) -> Result<void> {
     for (std::uint64_t i = 0; i < 3 * Store::max_waiting_events; ++i)
       if (auto told = feed.tell_trouble(writer, "trouble " + std::to_string(i)); !told) return told;
@@ -277,7 +277,8 @@ TEST_CASE_METHOD(FeedFixture, "a full outbox loses the oldest and says which") {
 }
 
 TEST_CASE_METHOD(FeedFixture,
-                 "thirty days offline with a pair that flaps at its worst fit, and keep each confirmed drift") {
+                 "thirty days offline with a pair that flaps at its worst fit, and keep each confirmed drift",
+                 "[release-only]") {
   std::size_t confirmed = 0, flaps = 0;
   for (int hour = 0; hour < 30 * 24; ++hour) {
     if (hour % 24 == 0) in_transaction([&](const auto& writer) { return feed.tell_state(writer, Status{}); });
