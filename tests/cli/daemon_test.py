@@ -215,3 +215,14 @@ def test_onnx_runtime_is_needed_only_by_who_uses_a_network(bare, bin_dir, source
     assert refused.returncode == 78, refused.stderr
     assert re.search(r"libonnxruntime.so.1 cannot be used: .*; install ONNX Runtime 1\.\d+ or newer, or use another depth",
                      refused.stderr), refused.stderr
+
+
+def test_events_wait_for_the_fleet_until_somebody_has_them(bare, daemon):
+    listed = bare("alerts")
+    assert listed.exit == DONE and "  initial" in listed.out, listed.err
+    taken = bare("alerts", "--json", "--ack")
+    first = json.loads(taken.out.splitlines()[0])
+    assert first["id"] == "demo-car-1" and first["data"]["record"]["sequence"] == 1
+    assert "initial" not in bare("alerts").out
+    assert bare("rollback", "front", "--to", "1").exit == DONE
+    assert "rolled_back" in bare("alerts").out

@@ -79,6 +79,12 @@ Exit recalibrate(const Paths& paths, const std::string& pair, bool dry_run);
 Exit accept(const Paths& paths, const std::string& pair);
 Exit roll_back(const Paths& paths, const std::string& pair, std::optional<std::uint64_t> to);
 
+struct AlertsOptions {
+  bool json = false, follow = false, acknowledge = false;
+};
+/// Prints the events that wait for the fleet, and with `follow` those that come.
+Exit alerts(const Paths& paths, const AlertsOptions& options);
+
 struct DoctorOptions {
   std::string pair;  // all when empty
   bool json = false;

@@ -53,6 +53,7 @@ struct CommandLine {
   StatusOptions status;
   WaitOptions wait;
   ShowOptions show;
+  AlertsOptions alerts;
   DoctorOptions doctor;
   ExplainOptions explain;
   ImportOptions import_options;
@@ -75,6 +76,7 @@ struct CommandLine {
   void add_wait();
   void add_records();
   void add_requests();
+  void add_alerts();
   void add_doctor();
   void add_formats();
 };
@@ -96,6 +98,7 @@ CommandLine::CommandLine() {
   add_wait();
   add_records();
   add_requests();
+  add_alerts();
   add_doctor();
   add_formats();
 
@@ -142,6 +145,14 @@ void CommandLine::add_wait() {
           "Exit with 5 after this time: 60s, 500ms, 2min, 1h")
       ->default_str("60s");
   until->add_flag("--json", wait.json, "Print JSON as defined by wait.schema.json");
+}
+
+void CommandLine::add_alerts() {
+  auto* const list =
+      subcommand("alerts", "List the events that wait for the fleet", [this] { return ctl::alerts(paths, alerts); });
+  list->add_flag("--json", alerts.json, "Print a line of JSON as defined by feed.schema.json for each");
+  list->add_flag("--follow", alerts.follow, "Go on with those that come, until interrupted");
+  list->add_flag("--ack", alerts.acknowledge, "Remove them from the outbox once they are printed");
 }
 
 void CommandLine::add_doctor() {
