@@ -28,13 +28,13 @@ Result<nlohmann::json> parse_reply(std::string_view line) {
 
 }  // namespace
 
-void CalibdRequest::close() {
+void CalibdRequest::cancel() {
   if (fd_ >= 0) ::close(fd_);
   fd_ = -1;
 }
 
 Result<void> CalibdRequest::send(const nlohmann::json& request, std::chrono::seconds timeout) {
-  close();
+  cancel();
   sockaddr_un address{};
   address.sun_family = AF_UNIX;
   if (path_.native().size() >= sizeof address.sun_path)
@@ -47,7 +47,7 @@ Result<void> CalibdRequest::send(const nlohmann::json& request, std::chrono::sec
                     ::send(fd_, line.data(), line.size(), MSG_NOSIGNAL) == static_cast<ssize_t>(line.size());
   if (!sent) {
     const int error = errno;
-    close();
+    cancel();
     const bool absent = error == ENOENT || error == ECONNREFUSED || error == ENOTDIR;
     return fail(absent            ? ErrorCode::daemon_not_running
                 : error == EACCES ? ErrorCode::denied
@@ -61,7 +61,7 @@ Result<void> CalibdRequest::send(const nlohmann::json& request, std::chrono::sec
 
 std::optional<Result<nlohmann::json>> CalibdRequest::receive() {
   const auto ended = [this](Result<nlohmann::json> result) {
-    close();
+    cancel();
     return std::optional(std::move(result));
   };
   std::array<char, 65536> buffer;

@@ -16,10 +16,12 @@ class CalibdRequest {
   explicit CalibdRequest(std::filesystem::path socket) : path_(std::move(socket)) {}
   CalibdRequest(const CalibdRequest&) = delete;
   CalibdRequest& operator=(const CalibdRequest&) = delete;
-  ~CalibdRequest() { close(); }
+  ~CalibdRequest() { cancel(); }
 
   /// Fails with `daemon_not_running`, `denied` or `failed`.
   [[nodiscard]] Result<void> send(const nlohmann::json& request, std::chrono::seconds timeout);
+  /// Forgets what was asked last.
+  void cancel();
   [[nodiscard]] bool is_waiting() const { return fd_ >= 0; }
   /// To be polled for input; -1 while nothing is asked.
   [[nodiscard]] int fd() const { return fd_; }
@@ -28,8 +30,6 @@ class CalibdRequest {
   [[nodiscard]] std::optional<Result<nlohmann::json>> receive();
 
  private:
-  void close();
-
   std::filesystem::path path_;
   int fd_ = -1;
   std::string received_;

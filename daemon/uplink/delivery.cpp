@@ -74,7 +74,8 @@ void Delivery::take(const json& reply) try {
   if (begin_anew_) {
     log(6, "calibd of vehicle " + vehicle + " answers, " + reply.at("waiting").dump() + " events wait");
     events_.clear();
-    fetched_ = in_file_ = in_mqtt_ = published_ = acknowledged_ = asked_ = 0;
+    fetched_ = in_file_ = in_broker_ = in_mqtt_ = published_ = acknowledged_ = asked_ = 0;
+    settling_.clear();
     if (mqtt_) mqtt_->forget();
     failure_logged_.clear();
     begin_anew_ = false;
@@ -96,7 +97,7 @@ void Delivery::take(const json& reply) try {
 }
 
 void Delivery::write_file() {
-  if (!file_ || in_file_ == fetched_ || Clock::now() < next_file_) return;
+  if (!file_ || in_file_ >= fetched_ || Clock::now() < next_file_) return;
   std::uint64_t last = in_file_, count = 0;
   Result<void> written;
   for (const MqttSink::Event& event : events_) {
@@ -118,28 +119,45 @@ void Delivery::write_file() {
   figures_.to_file += count;
 }
 
-void Delivery::publish() {
-  if (!mqtt_) return;
+/// What a broker has acknowledged it may still lose: when it is killed before it has written that to its disk. It
+/// counts after a while, and if the connection has lasted. After another connection the rest is fetched and sent once
+/// more.
+void Delivery::take_acknowledged() {
+  const auto connection = mqtt_->connection();
+  const bool is_another = std::exchange(connection_, connection) != connection;
+  if (is_another && published_ > in_mqtt_) {
+    feed_.cancel();
+    events_.clear();
+    settling_.clear();
+    mqtt_->forget();
+    fetched_ = published_ = in_broker_ = in_mqtt_;
+  }
+  if (is_another && connection != 0) {
+    log(6, "connected to the broker at " + config_.mqtt->host);
+    mqtt_failure_logged_.clear();
+  }
   for (const std::uint64_t sequence : mqtt_->take_acknowledged()) {
     // A broker acknowledges in the order in which it received them.
-    in_mqtt_ = std::max(in_mqtt_, std::min(sequence, published_));
+    in_broker_ = std::max(in_broker_, std::min(sequence, published_));
+    settling_.emplace_back(in_broker_, Clock::now());
     ++figures_.to_mqtt;
   }
-  const auto connection = mqtt_->connection();
-  if (std::exchange(connection_, connection) != connection) {
-    published_ = in_mqtt_;
-    if (connection != 0) log(6, "connected to the broker at " + config_.mqtt->host);
-    if (connection != 0) mqtt_failure_logged_.clear();
-  }
+  for (; !settling_.empty() && Clock::now() - settling_.front().second >= config_.mqtt->settle; settling_.pop_front())
+    in_mqtt_ = settling_.front().first;
+}
+
+void Delivery::publish() {
+  if (!mqtt_) return;
+  take_acknowledged();
   if (const auto figures = mqtt_->figures();
       !figures.connected && !figures.last_failure.empty() &&
       std::exchange(mqtt_failure_logged_, figures.last_failure) != figures.last_failure)
     log(4, "no connection to the broker at " + config_.mqtt->host + ": " + figures.last_failure +
                "; events wait in calibd's store");
-  if (connection == 0) return;
+  if (connection_ == 0) return;
   for (const MqttSink::Event& event : events_) {
     if (event.sequence <= published_) continue;
-    if (!mqtt_->publish(event)) break;
+    if (!mqtt_->publish(connection_, event)) break;
     published_ = event.sequence;
   }
 }
@@ -155,13 +173,13 @@ void Delivery::acknowledge() {
         calibd_failed(reply->error());
       }
     }
+  const auto all_have = [&](std::uint64_t sequence) {
+    return (!file_ || sequence <= in_file_) && (!config_.mqtt || sequence <= in_broker_);
+  };
+  while (!events_.empty() && all_have(events_.front().sequence)) events_.pop_front();
   std::uint64_t received = fetched_;
   if (file_) received = std::min(received, in_file_);
   if (config_.mqtt) received = std::min(received, in_mqtt_);
-  while (!events_.empty() && events_.front().sequence <= std::min(received, acknowledged_)) {
-    events_.pop_front();
-    ++figures_.acknowledged;
-  }
   if (received <= acknowledged_ || acknowledgement_.is_waiting() || begin_anew_) return;
   asked_ = received;
   const auto sent = acknowledgement_.send(

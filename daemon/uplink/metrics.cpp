@@ -15,7 +15,6 @@ std::string metrics_text(const Delivery::Figures& figures) {
   std::string text;
   metric(text, "calibd_answers", "gauge", "Whether calibd answers.", figures.calibd_answers);
   metric(text, "events_waiting", "gauge", "Events in calibd's outbox.", figures.waiting);
-  metric(text, "events_acknowledged_total", "counter", "Events that left the outbox.", figures.acknowledged);
   metric(text, "last_acknowledged_timestamp_seconds", "gauge", "When an event last left the outbox; 0: none did.",
          static_cast<std::uint64_t>(figures.acknowledged_at));
   metric(text, "file_events_total", "counter", "Events written to the file.", figures.to_file);

@@ -179,9 +179,9 @@ void MqttSink::publish_online(const char* word) {
     in_flight_[message] = 0;
 }
 
-bool MqttSink::publish(const Event& event) {
+bool MqttSink::publish(std::uint64_t connection, const Event& event) {
   const std::lock_guard lock(mutex_);
-  if (connection_ == 0 || stopping_ || in_flight_.size() >= most_in_flight) return false;
+  if (connection_ == 0 || connection_ != connection || stopping_ || in_flight_.size() >= most_in_flight) return false;
   mosquitto_property* properties = nullptr;
   if (uses_v5_) mosquitto_property_add_string(&properties, MQTT_PROP_CONTENT_TYPE, "application/cloudevents+json");
   int message = 0;

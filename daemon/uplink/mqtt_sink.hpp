@@ -49,8 +49,9 @@ class MqttSink {
   };
   /// The number of the present connection, 0 while there is none.
   [[nodiscard]] std::uint64_t connection() const;
-  /// False: not while there is no connection, or while `most_in_flight` wait to be acknowledged.
-  [[nodiscard]] bool publish(const Event& event);
+  /// On the connection of that number, so that the order is kept. False: it has ended, or `most_in_flight` wait to be
+  /// acknowledged.
+  [[nodiscard]] bool publish(std::uint64_t connection, const Event& event);
   /// Sequences of events that the broker has acknowledged since the last call.
   [[nodiscard]] std::vector<std::uint64_t> take_acknowledged();
   /// Acknowledgements of what was published so far are of no interest any more.
@@ -77,9 +78,9 @@ class MqttSink {
   void published(int message, int reason);
   [[nodiscard]] std::string topic(const char* name) const { return "fleet/v1/" + vehicle_ + "/calib/" + name; }
 
-  const MqttConfig config_;
-  const std::string vehicle_;
-  const std::function<void()> wake_;
+  MqttConfig config_;
+  std::string vehicle_;
+  std::function<void()> wake_;
   bool uses_v5_;
 
   mutable std::mutex mutex_;  // guards what is below

@@ -50,7 +50,7 @@ std::optional<TlsConfig> read_tls(const ConfigNode& mqtt, const std::string& hos
 }
 
 MqttConfig read_mqtt(const ConfigNode& node) {
-  node.with_keys({"host", "port", "version", "keep_alive", "tls", "first_delay", "longest_delay"});
+  node.with_keys({"host", "port", "version", "keep_alive", "tls", "settle", "first_delay", "longest_delay"});
   MqttConfig mqtt{.host = read_host(node.at("host")), .tls = {}};
   mqtt.tls = read_tls(node, mqtt.host);
   mqtt.port = mqtt.tls ? 8883 : 1883;
@@ -58,6 +58,7 @@ MqttConfig read_mqtt(const ConfigNode& node) {
   if (const auto version = node.find("version")) mqtt.version = read_version(*version);
   if (const auto time = node.find("keep_alive"))
     mqtt.keep_alive = std::chrono::duration_cast<std::chrono::seconds>(time->duration(5s, 20min));
+  if (const auto time = node.find("settle")) mqtt.settle = milliseconds(*time, 0ms, 1h);
   if (const auto delay = node.find("first_delay")) mqtt.first_delay = milliseconds(*delay, 10ms, 1min);
   if (const auto delay = node.find("longest_delay")) mqtt.longest_delay = milliseconds(*delay, mqtt.first_delay, 1h);
   mqtt.longest_delay = std::max(mqtt.longest_delay, mqtt.first_delay);

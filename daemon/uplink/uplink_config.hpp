@@ -25,6 +25,8 @@ struct MqttConfig {
   MqttVersion version = MqttVersion::automatic;
   std::chrono::seconds keep_alive{60};
   std::optional<TlsConfig> tls;  // none: to this machine only
+  /// So long after a broker has acknowledged an event, and if the connection has lasted, it will not lose it any more.
+  std::chrono::milliseconds settle{5'000};
   /// Between two attempts to connect: doubled from the first to the longest, each less a random part of up to a half.
   std::chrono::milliseconds first_delay{1'000}, longest_delay{300'000};
 };

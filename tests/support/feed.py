@@ -72,12 +72,19 @@ class Broker:
         folder = pathlib.Path(folder)
         self.log = folder / "broker.log"
         self.configuration = folder / "mosquitto.conf"
+        self.rights = folder / "acl"
+        self.allow("#")
         chain, key = certificate or authority.sign("localhost")
         self.configuration.write_text(
             f"user root\npersistence true\npersistence_location {folder}/\nautosave_interval 1\n"
             f"autosave_on_changes true\nlog_dest stderr\nlistener {self.port} 127.0.0.1\ncafile {authority.certificate}\n"
             f"certfile {chain}\nkeyfile {key}\nrequire_certificate true\nuse_identity_as_username true\n"
-            f"tls_version tlsv1.3\nmax_queued_messages 0\n")
+            f"tls_version tlsv1.3\nmax_queued_messages 0\nacl_file {self.rights}\n")
+
+    def allow(self, topic):
+        """To each vehicle, below its own topics; as of the next start."""
+        self.rights.write_text(f"user consumer\ntopic read fleet/v1/#\npattern write fleet/v1/%u/calib/{topic}\n")
+        self.rights.chmod(0o600)
 
     def start(self):
         with open(self.log, "ab") as log:
