@@ -73,6 +73,14 @@ SamplingConfig read_sampling(const ConfigNode& node) {
   return sampling;
 }
 
+FeedSettings read_feed(const ConfigNode& node) {
+  node.with_keys({"debounce", "unavailable_after"});
+  FeedSettings feed;
+  if (const auto debounce = node.find("debounce")) feed.debounce = debounce->duration(0ms, 24h);
+  if (const auto time = node.find("unavailable_after")) feed.unavailable_after = time->duration(1min, 168h);
+  return feed;
+}
+
 InfoReduction read_reduction(const ConfigNode& node) {
   const std::string name = node.text();
   if (name == "as_specified") return InfoReduction::as_specified;
@@ -202,7 +210,7 @@ std::vector<PairConfig> read_pairs(const ConfigNode& node) {
 }
 
 Config read_config(const ConfigNode& top, const DefaultFolders& defaults) {
-  top.with_keys({"vehicle", "state_dir", "head_dir", "runtime_dir", "dds", "signing_key", "sampling", "pairs"});
+  top.with_keys({"vehicle", "state_dir", "head_dir", "runtime_dir", "dds", "signing_key", "sampling", "feed", "pairs"});
   Config config;
   config.vehicle = top.at("vehicle").text();
   if (!is_name(config.vehicle, "ABCDEFGHIJKLMNOPQRSTUVWXYZ_-.:"))
@@ -218,6 +226,7 @@ Config read_config(const ConfigNode& top, const DefaultFolders& defaults) {
   config.signing_key_is_given = top.find("signing_key").has_value();
   if (const auto dds = top.find("dds")) config.dds = read_dds(*dds);
   if (const auto sampling = top.find("sampling")) config.sampling = read_sampling(*sampling);
+  if (const auto feed = top.find("feed")) config.feed = read_feed(*feed);
   config.pairs = read_pairs(top.at("pairs"));
   for (PairConfig& pair : config.pairs)
     pair.evidence_text += "vehicle:" + config.vehicle + "\ndomain:" + std::to_string(config.dds.domain) +

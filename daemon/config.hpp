@@ -13,6 +13,7 @@
 #include "calib/result.hpp"
 #include "dds/names.hpp"
 #include "depth/depth_config.hpp"
+#include "feed_settings.hpp"
 
 namespace calib {
 
@@ -122,6 +123,7 @@ struct Config {
   std::filesystem::path signing_key;
   bool signing_key_is_given = false;  // in the file
   SamplingConfig sampling;
+  FeedSettings feed;
   std::vector<PairConfig> pairs;
   /// Of the file's bytes, lower-case hex. Each record names the configuration that it was computed under by it. After a
   /// reload that could take over only a part (config_reload.hpp), of both files' digests.

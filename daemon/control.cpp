@@ -38,6 +38,11 @@ bool is_member(uid_t uid, gid_t group) {
   return std::ranges::find(groups, group) != groups.end();
 }
 
+bool is_uplink(uid_t uid) {
+  const passwd* user = getpwnam("calib-uplink");
+  return user != nullptr && user->pw_uid == uid;
+}
+
 Result<Peer> peer_of(int fd) {
   ucred credentials{};
   socklen_t size = sizeof credentials;
@@ -45,7 +50,7 @@ Result<Peer> peer_of(int fd) {
     return fail(ErrorCode::control_socket, system_error("SO_PEERCRED"));
   const bool may_change = credentials.uid == 0 || credentials.uid == geteuid() || credentials.gid == getegid() ||
                           is_member(credentials.uid, getegid());
-  return Peer{credentials.uid, credentials.pid, may_change};
+  return Peer{credentials.uid, credentials.pid, may_change, may_change || is_uplink(credentials.uid)};
 }
 
 bool is_listening(const sockaddr_un& address) {

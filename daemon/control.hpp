@@ -24,6 +24,8 @@ struct Peer {
   pid_t pid = 0;
   /// root, the daemon's own user, or a member of its group. Anyone who can open the socket may read.
   bool may_change = false;
+  /// Who may change, and the user calib-uplink: the events that it has delivered leave the outbox.
+  bool may_acknowledge = false;
 };
 
 /// One request of a client. `reply` may be called from any thread, once; when the client has disconnected, it does

@@ -71,6 +71,29 @@ json encode(const ConfigChanges& changes) {
       {"ok", true}, {"answer", "reloaded"}, {"taken_over", changes.taken_over}, {"need_restart", changes.need_restart}};
 }
 
+json encode(const FeedPage& page) {
+  json events = json::array();
+  for (const Store::Event& event : page.events)
+    events.push_back({{"sequence", event.sequence},
+                      {"priority", event.priority == Store::Priority::state ? "state" : "alert"},
+                      {"event", event.json}});
+  return {{"ok", true},
+          {"vehicle", page.vehicle},
+          {"run", page.run},
+          {"waiting", page.waiting},
+          {"events", std::move(events)}};
+}
+
+json encode(const Acknowledged& acknowledged) { return {{"ok", true}, {"waiting", acknowledged.waiting}}; }
+
+Result<ControlRequest> decode_feed(const json& request) {
+  const json after = request.value("after", json(0U)), limit = request.value("limit", json(FeedRequest::most_events));
+  if (!after.is_number_unsigned()) return fail(ErrorCode::bad_request, "\"after\" is an event's number, or 0");
+  if (!limit.is_number_unsigned() || limit == 0U || limit > FeedRequest::most_events)
+    return fail(ErrorCode::bad_request, "\"limit\" is 1 to " + std::to_string(FeedRequest::most_events));
+  return FeedRequest{after.get<std::uint64_t>(), limit.get<std::size_t>(), request.value("wait", json(false)) == true};
+}
+
 std::string pair_of(const json& request) {
   const json pair = request.value("pair", json());
   return pair.is_string() ? pair.get<std::string>() : "";
@@ -100,8 +123,20 @@ Result<ControlRequest> decode_request(const json& request) {
       return fail(ErrorCode::bad_request, "\"to\" is a record's number or null");
     return RollbackRequest{pair_of(request), to.is_null() ? std::nullopt : std::optional(to.get<std::uint64_t>())};
   }
+  if (what == "feed") return decode_feed(request);
+  if (what == "acknowledge") {
+    const json through = request.value("through", json()), run = request.value("run", json());
+    if (!through.is_number_unsigned() || !run.is_string())
+      return fail(ErrorCode::bad_request, "\"through\" is an event's number, and \"run\" of the reply that had it");
+    return AcknowledgeRequest{through.get<std::uint64_t>(), run.get<std::string>()};
+  }
   return fail(ErrorCode::bad_request,
-              "the requests are status, records, doctor, recalibrate, accept, rollback and reload");
+              "the requests are status, records, doctor, recalibrate, accept, rollback, reload, feed and acknowledge");
+}
+
+bool only_shows(const ControlRequest& request) {
+  return std::holds_alternative<StatusRequest>(request) || std::holds_alternative<RecordsRequest>(request) ||
+         std::holds_alternative<FeedRequest>(request);
 }
 
 json encode_reply(const ControlReply& reply) {

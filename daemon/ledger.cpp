@@ -21,18 +21,19 @@ std::string mac_of(std::string_view text) { return std::string(text.substr(0, te
 }  // namespace
 
 Ledger::Ledger(Store store, std::filesystem::path state_dir, std::filesystem::path head_dir, SigningKey key,
-               Provenance provenance)
+               Provenance provenance, FeedSettings feed)
     : store_(std::move(store)),
       state_dir_(std::move(state_dir)),
       head_dir_(std::move(head_dir)),
       key_(std::move(key)),
-      provenance_(std::move(provenance)) {}
+      provenance_(std::move(provenance)),
+      feed_(feed) {}
 
 Result<Ledger> Ledger::open(const std::filesystem::path& state_dir, const std::filesystem::path& head_dir,
-                            SigningKey key, Provenance provenance) {
+                            SigningKey key, Provenance provenance, FeedSettings feed) {
   auto store = Store::open(state_dir / "calibd.db", Store::Mode::read_write);
   if (!store) return propagate(store);
-  Ledger ledger(std::move(*store), state_dir, head_dir, std::move(key), std::move(provenance));
+  Ledger ledger(std::move(*store), state_dir, head_dir, std::move(key), std::move(provenance), feed);
   auto history = verified_history(ledger.store_, ledger.key_.public_key());
   if (!history) return propagate(history);
   for (CalibrationRecord& record : *history) {
@@ -51,6 +52,8 @@ Result<Ledger> Ledger::open(const std::filesystem::path& state_dir, const std::f
     ledger.last_sha256_ = std::move(*sha256);
   }
   if (auto compared = ledger.compare_with_head(); !compared) return propagate(compared);
+  const auto restore = [](Feed& told, const Feed::Writer& writer) { return told.restore(writer); };
+  if (auto restored = ledger.tell(restore, system_clock()); !restored) return propagate(restored);
   auto evidence = read_evidence(state_dir, ledger.key_);
   if (evidence)
     ledger.evidence_ = std::move(*evidence);
@@ -158,6 +161,8 @@ Result<Ledger::Written> Ledger::write(std::string_view pair, const PairState& st
   Written written{std::move(entry.record), std::move(entry.alert)};
   std::uint64_t sequence = last_sequence_;
   std::string sha256 = last_sha256_;
+  Feed feed = feed_;
+  const Feed::Writer writer{store_, key_, provenance_.vehicle, now.wall};
   const auto done = store_.in_transaction([&]() -> Result<void> {
     if (written.record) {
       const auto signed_record = complete(*written.record, pair, now);
@@ -165,16 +170,22 @@ Result<Ledger::Written> Ledger::write(std::string_view pair, const PairState& st
       sequence = written.record->sequence;
       sha256 = sha256_hex(signed_record->canonical);
       if (auto appended = store_.append_record(sequence, pair, *signed_record); !appended) return appended;
+      if (auto told = feed.tell(writer, *written.record, *signed_record); !told) return told;
     }
     if (written.alert) {
       const auto next = store_.next_alert_sequence();
       if (!next) return propagate(next);
       written.alert->alert_sequence = *next;
-      if (auto queued = store_.enqueue_alert(alert_text(*written.alert)); !queued) return propagate(queued);
+      if (auto kept = store_.keep_alert(alert_text(*written.alert)); !kept) return propagate(kept);
+      if (auto told = feed.tell(writer, *written.alert); !told) return told;
     }
     return store_.save_state(pair, authenticated(pair, sequence, sha256, state));
   });
   if (!done) return propagate(done);
+  if (written.record || written.alert) {
+    feed_ = std::move(feed);
+    count_waiting_events();
+  }
   if (written.record) {
     last_sequence_ = sequence;
     last_sha256_ = sha256;
@@ -257,6 +268,21 @@ Result<Ledger::Alerts> Ledger::latest_alerts(std::size_t limit) const {
   return read;
 }
 
-std::uint64_t Ledger::waiting_alert_count() const { return store_.waiting_alert_count().value_or(0); }
+Result<void> Ledger::tell(const std::function<Result<void>(Feed&, const Feed::Writer&)>& what, const Moment& now) {
+  Feed feed = feed_;
+  const auto done = store_.in_transaction([&] { return what(feed, {store_, key_, provenance_.vehicle, now.wall}); });
+  if (!done) return done;
+  feed_ = std::move(feed);
+  count_waiting_events();
+  return {};
+}
+
+Result<void> Ledger::acknowledge(std::uint64_t sequence) {
+  const auto done = store_.in_transaction([&] { return store_.acknowledge(sequence); });
+  if (done) count_waiting_events();
+  return done;
+}
+
+void Ledger::count_waiting_events() { waiting_events_ = store_.waiting_event_count().value_or(waiting_events_); }
 
 }  // namespace calib

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <optional>
 #include <string>
@@ -9,8 +10,8 @@
 #include "calib/store.hpp"
 #include "chain_head.hpp"
 #include "clock.hpp"
-#include "drift_alert.hpp"
 #include "evidence_file.hpp"
+#include "feed.hpp"
 #include "pair_history.hpp"
 #include "pair_state.hpp"
 
@@ -25,8 +26,9 @@ struct Provenance {
   std::string boot_id;
 };
 
-/// The signed history of decisions, and what else must survive a restart. What belongs to one decision (record, state
-/// and alert) is written in one transaction: after a crash either all of it is there or nothing. Evidence that has
+/// The signed history of decisions, and what else must survive a restart. What belongs to one decision (record, state,
+/// alert and what the fleet is told of it) is written in one transaction: after a crash either all of it is there or
+/// nothing. Evidence that has
 /// decided nothing is written beside the store, for all pairs at once: it follows the state of the pair's last
 /// decision, and counts as long as that is the one in the store.
 class Ledger {
@@ -35,8 +37,8 @@ class Ledger {
   /// store as it is. Fails with `other_vehicle` when the records are of another vehicle than `provenance`: a chain
   /// holds the records of one vehicle. The head of the chain is kept in `head_dir`.
   [[nodiscard]] static Result<Ledger> open(const std::filesystem::path& state_dir,
-                                           const std::filesystem::path& head_dir, SigningKey key,
-                                           Provenance provenance);
+                                           const std::filesystem::path& head_dir, SigningKey key, Provenance provenance,
+                                           FeedSettings feed = {});
 
   /// The records of a pair, by what they are needed for; empty before its first record.
   [[nodiscard]] const PairHistory& history(std::string_view pair) const;
@@ -66,13 +68,20 @@ class Ledger {
   /// The state that was written last; nothing when there is none. Fails with `malformed_state` when its MAC is wrong,
   /// or when it belongs to another chain of records, or to the same chain before or after its present end.
   [[nodiscard]] Result<std::optional<PairState>> state(std::string_view pair) const;
-  /// The latest alerts that wait for delivery, oldest first, and the errors of those that cannot be read.
+  /// The latest alerts, oldest first, and the errors of those that cannot be read.
   struct Alerts {
     std::vector<DriftAlert> alerts;
     std::vector<Error> unreadable;
   };
   [[nodiscard]] Result<Alerts> latest_alerts(std::size_t limit) const;
-  [[nodiscard]] std::uint64_t waiting_alert_count() const;
+
+  /// What the fleet is told without a decision: `what` writes it, in one transaction.
+  [[nodiscard]] Result<void> tell(const std::function<Result<void>(Feed&, const Feed::Writer&)>& what,
+                                  const Moment& now);
+  [[nodiscard]] const Feed& feed() const { return feed_; }
+  /// Events up to and including `sequence` were received.
+  [[nodiscard]] Result<void> acknowledge(std::uint64_t sequence);
+  [[nodiscard]] std::uint64_t waiting_event_count() const { return waiting_events_; }
   [[nodiscard]] std::string key_id() const { return key_.public_key().id_text(); }
   [[nodiscard]] const Provenance& provenance() const { return provenance_; }
 
@@ -88,7 +97,7 @@ class Ledger {
 
  private:
   Ledger(Store store, std::filesystem::path state_dir, std::filesystem::path head_dir, SigningKey key,
-         Provenance provenance);
+         Provenance provenance, FeedSettings feed);
   void index(CalibrationRecord record);
   [[nodiscard]] Result<std::string> sha256_of(std::uint64_t sequence) const;
   [[nodiscard]] Result<void> compare_with_head();
@@ -97,11 +106,14 @@ class Ledger {
   [[nodiscard]] std::string authenticated(std::string_view pair, std::uint64_t sequence, std::string_view sha256,
                                           const PairState& state) const;
   void write_head();
+  void count_waiting_events();
 
   Store store_;
   std::filesystem::path state_dir_, head_dir_;
   SigningKey key_;
   Provenance provenance_;
+  Feed feed_;
+  std::uint64_t waiting_events_ = 0;
   std::uint64_t last_sequence_ = 0;
   std::string last_sha256_{no_previous_sha256};
   ChainHead head_;  // as remembered

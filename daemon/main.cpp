@@ -141,7 +141,7 @@ Result<std::unique_ptr<calib::Service>> make_service(calib::Config config, calib
                                                      std::function<Result<calib::Config>()> read_config) {
   auto known = provenance(config);
   if (!known) return propagate(known);
-  auto ledger = calib::Ledger::open(config.state_dir, config.head_dir, std::move(key), std::move(*known));
+  auto ledger = calib::Ledger::open(config.state_dir, config.head_dir, std::move(key), std::move(*known), config.feed);
   if (!ledger) return propagate(ledger);
   const auto log = [](int priority, const std::string& line) {
     calib::journal(priority, calib::message_ids::dds_complains, line);

@@ -296,6 +296,7 @@ bool Service::keep_going() {
       save_evidence();
     else
       save_evidence_when_due();
+    answer_acknowledgements();
     alive_();
   }
   return !stopping();
@@ -306,9 +307,8 @@ ControlReply Service::answer(const PendingRequest& pending) {
 }
 
 void Service::ask(PendingRequest request) {
-  const bool only_shows =
-      std::holds_alternative<StatusRequest>(request.request) || std::holds_alternative<RecordsRequest>(request.request);
-  if (only_shows) return request.reply(answer(request));
+  if (waits_for_event(request)) return;
+  if (only_shows(request.request)) return request.reply(answer(request));
   std::unique_lock lock(mutex_);
   if (requests_.size() >= most_requests)
     std::erase_if(requests_, [](const PendingRequest& waiting) { return waiting.client_gone->load(); });

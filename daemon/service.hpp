@@ -93,12 +93,17 @@ class Service {
   /// nothing changes under a measurement. Refused when `most_requests` wait already.
   void ask(PendingRequest request);
   static constexpr std::size_t most_requests = 16;
+  /// So many wait for an event, and each so long; then the reply has none.
+  static constexpr std::size_t most_waiting_for_events = 4;
+  static constexpr std::chrono::seconds longest_wait_for_events{30};
   /// So many windows stay open for the first CameraInfo. A driver that sends none does not cost them for ever.
   static constexpr int windows_for_camera_info = 3;
   /// The status as of the last change, with ages and verdicts as of now.
   [[nodiscard]] Status status() const;
   /// The records from number `from` on, as many as fit into a reply.
   [[nodiscard]] Result<RecordsPage> records(std::uint64_t from) const;
+  /// The events above number `after` that wait in the outbox.
+  [[nodiscard]] Result<FeedPage> events(std::uint64_t after, std::size_t limit) const;
   /// From the thread that shows things, whenever the status has changed and once a second: writes the snapshot when
   /// what it shows has changed, sends the diagnostics once a second, and returns the verdicts in a line when they are
   /// others.
@@ -161,6 +166,15 @@ class Service {
   [[nodiscard]] DiagnosisReport diagnose_pairs(const std::optional<std::string>& name);
   [[nodiscard]] std::optional<Finding> fault_of_network(const Pair& pair, std::chrono::nanoseconds since) const;
 
+  // service_feed.cpp
+  void tell_fleet(const Status& status);
+  [[nodiscard]] std::string run_id() const;
+  [[nodiscard]] ControlReply answer(const FeedRequest& request, const Peer& peer);
+  [[nodiscard]] ControlReply answer(const AcknowledgeRequest& request, const Peer& peer);
+  [[nodiscard]] bool waits_for_event(PendingRequest& request);
+  void answer_who_waits_for_events();
+  void answer_acknowledgements();
+
   // service_sampling.cpp
   [[nodiscard]] std::variant<Measurement, Skip> measure(Pair& pair);
   [[nodiscard]] Error explained(const Pair& pair, Error error, std::chrono::nanoseconds window_began) const;
@@ -190,7 +204,11 @@ class Service {
   std::chrono::nanoseconds started_{}, last_alive_{};  // since boot
   bool evidence_file_failed_ = false;                  // the last time; evidence went into the store
 
+  std::map<std::string, std::chrono::nanoseconds> without_verdict_since_;  // by pair, since boot
+  std::string store_trouble_;                                              // of which the fleet is told once it is over
+
   // Of the thread that shows things.
+  std::uint64_t collection_told_ = 0;
   std::chrono::nanoseconds next_diagnostics_{};
   std::set<ErrorCode> failures_logged_;
   std::string verdicts_shown_;
@@ -200,6 +218,11 @@ class Service {
   std::condition_variable wake_;
   bool stopping_ = false;
   std::deque<PendingRequest> requests_;
+  struct WaitsForEvent {
+    PendingRequest request;
+    std::chrono::nanoseconds since;  // boot
+  };
+  std::vector<WaitsForEvent> waiting_for_events_;
   Status status_;
   std::string reload_refused_;  // why, in words; empty when the last reload was not
   std::chrono::nanoseconds status_collected_{};

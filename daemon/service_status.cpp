@@ -42,7 +42,8 @@ void Service::collect_status() {
   status.running = true;
   status.version = version;
   for (const auto& pair : pairs_) status.pairs.push_back(status_of(*pair));
-  status.feed_queued = ledger_.waiting_alert_count();
+  tell_fleet(status);
+  status.feed_queued = ledger_.waiting_event_count();
   status.records_missing = ledger_.records_missing();
   {
     const std::lock_guard lock(mutex_);
@@ -98,6 +99,7 @@ std::optional<std::string> Service::show() {
   }();
   const Status status = this->status();
   publish_diagnostics(status);
+  answer_who_waits_for_events();
   std::string verdicts;
   {
     const std::lock_guard lock(mutex_);

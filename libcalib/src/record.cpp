@@ -270,6 +270,8 @@ std::string record_file_name(std::uint64_t sequence) {
   return digits + ".json";
 }
 
+std::string canonical_json(const json& json) { return json_fields::canonical_text(json); }
+
 std::string canonical_bytes(const CalibrationRecord& record) {
   return json_fields::canonical_text(record_json(record));
 }

@@ -9,85 +9,66 @@
 #include <cerrno>
 #include <cstring>
 
+#include "sqlite_statement.hpp"
+
 namespace calib {
 namespace {
 
-constexpr int schema_version = 1;
+using sqlite::run;
+using sqlite::single_number;
+using sqlite::Statement;
+using sqlite::store_error;
+
+constexpr std::uint64_t schema_version = 2;
 constexpr int reader_patience_ms = 5000, writer_patience_ms = 250;
 constexpr std::array<const char*, 4> file_endings{"", "-wal", "-shm", "-journal"};
 
-// AUTOINCREMENT keeps the highest alert sequence ever given, also when the outbox is empty again.
-constexpr const char* schema = R"sql(
+constexpr std::string_view record_tables = R"sql(
   CREATE TABLE record(
     sequence INTEGER PRIMARY KEY,
     pair TEXT NOT NULL,
     canonical TEXT NOT NULL,
     signature TEXT NOT NULL) STRICT;
   CREATE TABLE state(pair TEXT PRIMARY KEY, json TEXT NOT NULL) STRICT;
-  CREATE TABLE outbox(sequence INTEGER PRIMARY KEY AUTOINCREMENT, json TEXT NOT NULL) STRICT;
-  PRAGMA user_version = 1;
+)sql";
+// AUTOINCREMENT keeps the highest sequence ever given, also when the table is empty again.
+constexpr std::string_view feed_tables = R"sql(
+  CREATE TABLE alert(sequence INTEGER PRIMARY KEY AUTOINCREMENT, json TEXT NOT NULL) STRICT;
+  CREATE TABLE outbox(
+    sequence INTEGER PRIMARY KEY AUTOINCREMENT,
+    priority INTEGER NOT NULL,
+    expires INTEGER NOT NULL,
+    json TEXT NOT NULL) STRICT;
+  CREATE TABLE feed(only INTEGER PRIMARY KEY CHECK(only = 1), json TEXT NOT NULL) STRICT;
+  PRAGMA user_version = 2;
 )sql";
 
-Error store_error(sqlite3* database) {
-  const char* const name = database ? sqlite3_db_filename(database, "main") : nullptr;
-  return {ErrorCode::store_failed, std::string(name ? name : "the store") + ": " + sqlite3_errmsg(database)};
-}
+// Alerts were in the outbox, for DDS and for whoever would come to empty it.
+constexpr std::string_view feed_tables_1 =
+    "CREATE TABLE outbox(sequence INTEGER PRIMARY KEY AUTOINCREMENT, json TEXT NOT NULL) STRICT;";
+constexpr std::string_view save_feed_1 = R"sql(
+  CREATE TEMP TABLE earlier AS SELECT sequence, json FROM outbox;
+  CREATE TEMP TABLE given AS SELECT seq FROM sqlite_sequence WHERE name = 'outbox';
+  DROP TABLE outbox;
+)sql";
+// Both counters go on where the one counter was.
+constexpr std::string_view restore_feed_1 = R"sql(
+  INSERT INTO alert SELECT sequence, json FROM earlier ORDER BY sequence;
+  DELETE FROM alert WHERE sequence <= (SELECT max(sequence) FROM alert) - 32;
+  INSERT INTO outbox SELECT sequence, 0, 0, json FROM earlier ORDER BY sequence;
+  DELETE FROM outbox WHERE sequence <= (SELECT max(sequence) FROM outbox) - 4800;
+  DELETE FROM sqlite_sequence WHERE name IN ('alert', 'outbox');
+  INSERT INTO sqlite_sequence SELECT 'alert', seq FROM given;
+  INSERT INTO sqlite_sequence SELECT 'outbox', seq FROM given;
+  DROP TABLE temp.earlier;
+  DROP TABLE temp.given;
+)sql";
+static_assert(Store::kept_alerts == 32 && Store::max_waiting_events == 4800);
 
-Result<void> run(sqlite3* database, const char* sql) {
-  if (sqlite3_exec(database, sql, nullptr, nullptr, nullptr) != SQLITE_OK) return tl::unexpected(store_error(database));
-  return {};
-}
-
-/// A prepared statement; parameters are bound in the order of the `bind` calls. Bound text must outlive it.
-class Statement {
- public:
-  Statement(sqlite3* database, std::string_view sql) : database_(database) {
-    sqlite3_prepare_v2(database, sql.data(), static_cast<int>(sql.size()), &statement_, nullptr);
-  }
-  Statement(const Statement&) = delete;
-  Statement& operator=(const Statement&) = delete;
-  ~Statement() { sqlite3_finalize(statement_); }
-
-  Statement& bind(std::uint64_t value) {
-    sqlite3_bind_int64(statement_, ++bound_, static_cast<sqlite3_int64>(value));
-    return *this;
-  }
-  Statement& bind(std::string_view text) {
-    // A null pointer would bind NULL; an empty text is text.
-    sqlite3_bind_text64(statement_, ++bound_, text.data() ? text.data() : "", text.size(), SQLITE_STATIC, SQLITE_UTF8);
-    return *this;
-  }
-  /// True when there is a row to read.
-  [[nodiscard]] Result<bool> step() {
-    const int code = statement_ ? sqlite3_step(statement_) : SQLITE_ERROR;
-    if (code == SQLITE_ROW) return true;
-    if (code == SQLITE_DONE) return false;
-    return tl::unexpected(store_error(database_));
-  }
-  /// For statements without rows.
-  [[nodiscard]] Result<void> execute() {
-    return step().map([](bool) {});
-  }
-  [[nodiscard]] std::uint64_t number(int column) const {
-    return static_cast<std::uint64_t>(sqlite3_column_int64(statement_, column));
-  }
-  [[nodiscard]] std::string text(int column) const {
-    const auto* const bytes = reinterpret_cast<const char*>(sqlite3_column_text(statement_, column));
-    return bytes ? std::string(bytes, static_cast<std::size_t>(sqlite3_column_bytes(statement_, column))) : "";
-  }
-
- private:
-  sqlite3* database_;
-  sqlite3_stmt* statement_ = nullptr;
-  int bound_ = 0;
-};
-
-/// The number in the only row and column of `sql`; NULL counts as 0.
-Result<std::uint64_t> single_number(sqlite3* database, const char* sql) {
-  Statement query(database, sql);
-  const auto row = query.step();
-  if (!row) return propagate(row);
-  return *row ? query.number(0) : 0;
+std::string joined(std::initializer_list<std::string_view> statements) {
+  std::string sql;
+  for (const std::string_view statement : statements) sql += statement;
+  return sql;
 }
 
 Result<void> prepare_for_writing(sqlite3* database) {
@@ -114,12 +95,13 @@ Result<std::string> schema_of(sqlite3* database) {
 }
 
 /// A view or a virtual table in the place of a table could have no end; a trigger could do anything.
-Result<void> require_own_schema(sqlite3* database, const std::filesystem::path& file) {
+Result<void> require_own_schema(sqlite3* database, std::uint64_t version, const std::filesystem::path& file) {
   sqlite3* memory = nullptr;
   const int opened = sqlite3_open(":memory:", &memory);
   const std::unique_ptr<sqlite3, int (*)(sqlite3*)> own(memory, sqlite3_close_v2);
   if (opened != SQLITE_OK) return tl::unexpected(store_error(memory));
-  if (auto made = run(memory, schema); !made) return made;
+  if (auto made = run(memory, joined({record_tables, version == 1 ? feed_tables_1 : feed_tables}).c_str()); !made)
+    return made;
   const auto expected = schema_of(memory), found = schema_of(database);
   if (!expected) return propagate(expected);
   if (!found) return propagate(found);
@@ -155,20 +137,6 @@ std::uint64_t inode_of(const std::string& file) {
   return ::stat(file.c_str(), &about) == 0 ? about.st_ino : 0;
 }
 
-Result<std::vector<Store::Alert>> alerts_of(Statement& query) {
-  std::vector<Store::Alert> alerts;
-  for (;;) {
-    const auto row = query.step();
-    if (!row) return propagate(row);
-    if (!*row) return alerts;
-    alerts.push_back({query.number(0), query.text(1)});
-  }
-}
-
-/// Alerts leave the outbox oldest first: those that wait are consecutive and need no counting one by one.
-constexpr const char* count_waiting =
-    "SELECT (SELECT max(sequence) FROM outbox) - (SELECT min(sequence) FROM outbox) + 1";
-
 }  // namespace
 
 void Store::Close::operator()(sqlite3* database) const { sqlite3_close_v2(database); }
@@ -197,14 +165,17 @@ Result<Store> Store::open(const std::filesystem::path& file, Mode mode) {
   const auto make_schema = [&]() -> Result<void> {
     const auto version = single_number(opened, "PRAGMA user_version");
     if (!version) return propagate(version);
-    if (*version == 0 && mode == Mode::read_write) return run(opened, schema);
+    if (*version == 0 && mode == Mode::read_write) return run(opened, joined({record_tables, feed_tables}).c_str());
     if (*version == 0)
       return fail(ErrorCode::store_not_found, file.string() + " is empty: calibd has not started with it");
-    if (*version != schema_version)
+    if (*version > schema_version)
       return fail(ErrorCode::store_version, file.string() + " has schema version " + std::to_string(*version) +
                                                 ", this program knows " + std::to_string(schema_version) +
                                                 "; use the calibd that wrote it or a newer one");
-    return require_own_schema(opened, file);
+    // What does not write reads the records of an earlier store as they are.
+    if (auto own = require_own_schema(opened, *version, file); !own) return own;
+    if (*version == schema_version || mode == Mode::read_only) return {};
+    return run(opened, joined({save_feed_1, feed_tables, restore_feed_1}).c_str());
   };
   const Result<void> ready = mode == Mode::read_write ? store.in_transaction(make_schema) : make_schema();
   if (!ready) return propagate(ready);
@@ -272,42 +243,6 @@ Result<std::optional<std::string>> Store::state(std::string_view pair) const {
   const auto row = query.bind(pair).step();
   if (!row) return propagate(row);
   return *row ? std::optional(query.text(0)) : std::nullopt;
-}
-
-Result<std::uint64_t> Store::next_alert_sequence() const {
-  return single_number(database_.get(), "SELECT seq FROM sqlite_sequence WHERE name = 'outbox'")
-      .map([](std::uint64_t last) { return last + 1; });
-}
-
-Result<std::uint64_t> Store::enqueue_alert(std::string_view json) {
-  const auto waiting = waiting_alert_count();
-  if (!waiting) return waiting;
-  if (*waiting >= max_waiting_alerts) {
-    Statement make_room(database_.get(), "DELETE FROM outbox WHERE sequence = (SELECT min(sequence) FROM outbox)");
-    if (const auto made = make_room.execute(); !made) return propagate(made);
-  }
-  Statement insert(database_.get(), "INSERT INTO outbox(json) VALUES(?)");
-  const auto done = insert.bind(json).execute();
-  if (!done) return propagate(done);
-  return static_cast<std::uint64_t>(sqlite3_last_insert_rowid(database_.get()));
-}
-
-Result<std::vector<Store::Alert>> Store::waiting_alerts(std::size_t limit) const {
-  Statement query(database_.get(), "SELECT sequence, json FROM outbox ORDER BY sequence LIMIT ?");
-  return alerts_of(query.bind(std::uint64_t{limit}));
-}
-
-Result<std::vector<Store::Alert>> Store::latest_alerts(std::size_t limit) const {
-  Statement query(database_.get(),
-                  "SELECT * FROM (SELECT sequence, json FROM outbox ORDER BY sequence DESC LIMIT ?) ORDER BY sequence");
-  return alerts_of(query.bind(std::uint64_t{limit}));
-}
-
-Result<std::uint64_t> Store::waiting_alert_count() const { return single_number(database_.get(), count_waiting); }
-
-Result<void> Store::alerts_delivered(std::uint64_t sequence) {
-  Statement erase(database_.get(), "DELETE FROM outbox WHERE sequence <= ?");
-  return erase.bind(sequence).execute();
 }
 
 Result<void> visit_verified(std::uint64_t count,

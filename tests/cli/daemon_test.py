@@ -222,3 +222,14 @@ def test_onnx_runtime_is_needed_only_by_who_uses_a_network(bare, bin_dir, source
     assert re.search(said, refused.stderr), refused.stderr
     checked = subprocess.run([*calibd, "--check-config"], capture_output=True, text=True, timeout=30, check=False)
     assert checked.returncode == 78 and checked.stderr.count("\n") == 1 and re.search(said, checked.stderr), checked.stderr
+
+
+def test_events_wait_for_the_fleet_until_somebody_has_them(bare, daemon):
+    listed = bare("alerts")
+    assert listed.exit == DONE and "  initial" in listed.out, listed.err
+    taken = bare("alerts", "--json", "--ack")
+    first = json.loads(taken.out.splitlines()[0])
+    assert first["id"] == "demo-car-1" and first["data"]["record"]["sequence"] == 1
+    assert "initial" not in bare("alerts").out
+    assert bare("rollback", "front", "--to", "1").exit == DONE
+    assert "rolled_back" in bare("alerts").out

@@ -33,6 +33,23 @@ TEST_CASE("each request is read with what belongs to it, and nothing else of it 
   CHECK_FALSE(decoded<RollbackRequest>({{"request", "rollback"}, {"pair", "front"}, {"to", nullptr}}).to);
 }
 
+TEST_CASE("requests of the feed are read with what belongs to them") {
+  const auto all = decoded<FeedRequest>({{"request", "feed"}});
+  CHECK((all.after == 0 && all.limit == FeedRequest::most_events && !all.wait));
+  const auto some = decoded<FeedRequest>({{"request", "feed"}, {"after", 7U}, {"limit", 5U}, {"wait", true}});
+  CHECK((some.after == 7 && some.limit == 5 && some.wait));
+  const auto received = decoded<AcknowledgeRequest>({{"request", "acknowledge"}, {"through", 7U}, {"run", "boot-1"}});
+  CHECK((received.through == 7 && received.run == "boot-1"));
+  for (const json& request :
+       {json{{"request", "feed"}, {"after", -1}}, json{{"request", "feed"}, {"limit", 0U}},
+        json{{"request", "feed"}, {"limit", 201U}}, json{{"request", "feed"}, {"limit", "1"}},
+        json{{"request", "acknowledge"}, {"through", 7U}}, json{{"request", "acknowledge"}, {"run", "boot-1"}},
+        json{{"request", "acknowledge"}, {"through", -7}, {"run", "boot-1"}}}) {
+    INFO(request.dump());
+    CHECK_FALSE(decode_request(request));
+  }
+}
+
 TEST_CASE("what is not a request is refused") {
   for (const json& request :
        {json{{"request", "stop"}}, json{{"request", "records"}}, json{{"request", "records"}, {"from", 0U}},
@@ -53,6 +70,18 @@ TEST_CASE("replies have the form of proto/control.md") {
         json{{"ok", true},
              {"stored", 2},
              {"records", {{{"canonical", "{}"}, {"signature", "signature"}}, {{"canonical", ""}, {"signature", ""}}}}});
+  CHECK(encode_reply(FeedPage{.vehicle = "car",
+                              .run = "boot-1",
+                              .waiting = 3,
+                              .events = {{7, Store::Priority::state, {}, "{}"}, {8, Store::Priority::gap, {}, "x"}}}) ==
+        json{{"ok", true},
+             {"vehicle", "car"},
+             {"run", "boot-1"},
+             {"waiting", 3},
+             {"events",
+              {{{"sequence", 7}, {"priority", "state"}, {"event", "{}"}},
+               {{"sequence", 8}, {"priority", "alert"}, {"event", "x"}}}}});
+  CHECK(encode_reply(Acknowledged{.waiting = 2}) == json{{"ok", true}, {"waiting", 2}});
   const json plain = encode_reply(Answer{.decision = Decision::rolled_back, .reason = "back", .record = 4});
   CHECK(plain == json{{"ok", true}, {"answer", "rolled_back"}, {"reason", "back"}, {"record", 4}});
 

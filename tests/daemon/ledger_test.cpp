@@ -119,7 +119,7 @@ TEST_CASE("an alert comes back as it was enqueued, numbered without a gap") {
   const auto ledger = test::require_ok(garage.open());
   const auto waiting = test::require_ok(ledger.latest_alerts(10)).alerts;
   REQUIRE(waiting.size() == 2);
-  CHECK(ledger.waiting_alert_count() == 2);
+  CHECK(ledger.waiting_event_count() == 2);
   CHECK(waiting[1].alert_sequence == waiting[0].alert_sequence + 1);
   CHECK(waiting[1].verdict == Verdict::drifted);
   CHECK(waiting[1].stamp == moment.wall);
@@ -133,13 +133,15 @@ TEST_CASE("what cannot be written whole is not written at all") {
   PairState state;
   state.evaluated = 1;
   REQUIRE(ledger.write("front", state, {decided(Decision::initial, 1), {}}, moment));
+  REQUIRE(ledger.waiting_event_count() == 1);  // of that record
   state.evaluated = 2;
   const auto refused = ledger.write(
       "front", state,
       {decided(Decision::accepted, std::numeric_limits<double>::quiet_NaN()), alert_of(Verdict::suspect)}, moment);
   REQUIRE_FALSE(refused);
   CHECK(ledger.next_sequence() == 2);
-  CHECK(ledger.waiting_alert_count() == 0);
+  CHECK(ledger.waiting_event_count() == 1);
+  CHECK(test::require_ok(ledger.latest_alerts(9)).alerts.empty());
   CHECK(test::require_ok(ledger.state("front"))->evaluated == 1);
   CHECK(ledger.history("front").in_force()->decision == Decision::initial);
   REQUIRE(ledger.write("front", state, {decided(Decision::accepted, 2), {}}, moment));
@@ -164,7 +166,7 @@ TEST_CASE("the latest alerts are those that late readers get, and one that canno
   const Garage garage;
   auto ledger = test::require_ok(garage.open());
   for (int i = 0; i < 40; ++i) REQUIRE(ledger.write("front", {}, {{}, alert_of(Verdict::drifted)}, moment));
-  execute(garage.folder.path() / "calibd.db", "update outbox set json = 'spoilt' where sequence = 20");
+  execute(garage.folder.path() / "calibd.db", "update alert set json = 'spoilt' where sequence = 20");
   const auto latest = test::require_ok(ledger.latest_alerts(32));
   REQUIRE(latest.alerts.size() == 31);
   CHECK(latest.alerts.front().alert_sequence == 9);

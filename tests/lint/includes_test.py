@@ -12,7 +12,7 @@ BESIDE = {"boundary": "camera_models", "camera_brown": "camera_models", "camera_
           "model_file": "depth_model", "network_image": "depth", "onnx_network": "depth",
           "joint_histogram": "mutual_information", "ranks": "features", "edges": "features", "cull": "features", "rotation_grid": "search", "search_steps": "search", "quadratic_model": "search",
           "uncertainty": "search", "recalibration_gates": "recalibrate", "opencv_alone": "depth", "opencv_alone_check": "depth",
-          "json_fields": "record"}
+          "json_fields": "record", "sqlite_statement": "store", "store_outbox": "store"}
 
 FOREIGN = re.compile(r"^(dds/|cyclonedds|spdlog/|systemd/|CLI/|mosquitto)")
 NOT_PURE = {"iostream", "print", "thread", "mutex", "condition_variable", "future", "atomic",

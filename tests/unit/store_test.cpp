@@ -34,6 +34,8 @@ int in_child(Work work) {
   return WIFEXITED(ended) ? WEXITSTATUS(ended) : -1;
 }
 
+Store::Event event(std::uint64_t sequence) { return {sequence, Store::Priority::alert, {}, "{}"}; }
+
 }  // namespace
 
 TEST_CASE_METHOD(StoreFixture, "a new store is empty") {
@@ -42,12 +44,15 @@ TEST_CASE_METHOD(StoreFixture, "a new store is empty") {
   CHECK(store.record(1).error().code == "record_not_found");
   CHECK(require_ok(store.state("front")) == std::nullopt);
   CHECK(require_ok(store.next_alert_sequence()) == 1);
-  CHECK(require_ok(store.waiting_alerts(10)).empty());
-  CHECK(require_ok(store.waiting_alert_count()) == 0);
+  CHECK(require_ok(store.latest_alerts(10)).empty());
+  CHECK(require_ok(store.next_event_sequence()) == 1);
+  CHECK(require_ok(store.waiting_events(0, 10)).empty());
+  CHECK(require_ok(store.waiting_event_count()) == 0);
+  CHECK(require_ok(store.feed_memory()) == std::nullopt);
   CHECK(require_ok(verified_history(store, key.public_key())).empty());
 }
 
-TEST_CASE_METHOD(StoreFixture, "records, state and alerts are there again after a restart, byte for byte") {
+TEST_CASE_METHOD(StoreFixture, "records, state, alerts and events are there again after a restart, byte for byte") {
   std::vector<SignedRecord> chain;
   const std::string hostile = std::string("zero\0'; DROP TABLE record; --\"\n\xff", 33);
   {
@@ -56,8 +61,12 @@ TEST_CASE_METHOD(StoreFixture, "records, state and alerts are there again after 
     require_ok(store.save_state("front", "{\"old\":1}"));
     require_ok(store.save_state("front", hostile));
     require_ok(store.save_state("", ""));
-    CHECK(require_ok(store.enqueue_alert("first")) == 1);
-    CHECK(require_ok(store.enqueue_alert(hostile)) == 2);
+    CHECK(require_ok(store.keep_alert("first")) == 1);
+    CHECK(require_ok(store.keep_alert(hostile)) == 2);
+    require_ok(store.enqueue_event({1, Store::Priority::state, std::chrono::seconds(5), "{}"}));
+    require_ok(store.enqueue_event({2, Store::Priority::alert, std::chrono::seconds(7), hostile}));
+    require_ok(store.save_feed_memory("old"));
+    require_ok(store.save_feed_memory(hostile));
   }
   const Store store = open();
   REQUIRE(require_ok(store.record_count()) == 5);
@@ -69,9 +78,16 @@ TEST_CASE_METHOD(StoreFixture, "records, state and alerts are there again after 
   CHECK(require_ok(store.state("front")) == hostile);
   CHECK(require_ok(store.state("")) == "");
   CHECK(require_ok(store.state("rear")) == std::nullopt);
-  const auto alerts = require_ok(store.waiting_alerts(10));
+  const auto alerts = require_ok(store.latest_alerts(10));
   REQUIRE(alerts.size() == 2);
   CHECK(alerts[1].json == hostile);
+  const auto events = require_ok(store.waiting_events(0, 10));
+  REQUIRE(events.size() == 2);
+  CHECK((events[0].sequence == 1 && events[0].priority == Store::Priority::state));
+  CHECK((events[1].sequence == 2 && events[1].priority == Store::Priority::alert));
+  CHECK(events[1].expires == std::chrono::seconds(7));
+  CHECK(events[1].json == hostile);
+  CHECK(require_ok(store.feed_memory()) == hostile);
   CHECK(require_ok(verified_history(store, key.public_key())).size() == 5);
 }
 
@@ -115,51 +131,6 @@ TEST_CASE_METHOD(StoreFixture, "the history of another key names both keys") {
   CHECK_THAT(history.error().context, ContainsSubstring("signed by key " + key.public_key().id_text()));
 }
 
-TEST_CASE_METHOD(StoreFixture, "the number of an alert is never used again, also when the outbox is empty") {
-  {
-    Store store = open();
-    for (std::uint64_t expected = 1; expected <= 3; ++expected) {
-      CHECK(require_ok(store.next_alert_sequence()) == expected);
-      CHECK(require_ok(store.enqueue_alert("{}")) == expected);
-    }
-    require_ok(store.alerts_delivered(2));
-    CHECK(require_ok(store.waiting_alert_count()) == 1);
-    CHECK(require_ok(store.waiting_alerts(5)).front().sequence == 3);
-    require_ok(store.alerts_delivered(3));
-    CHECK(require_ok(store.waiting_alert_count()) == 0);
-  }
-  Store store = open();
-  CHECK(require_ok(store.next_alert_sequence()) == 4);
-  CHECK(require_ok(store.enqueue_alert("{}")) == 4);
-  require_ok(store.alerts_delivered(1'000));
-  CHECK(require_ok(store.enqueue_alert("{}")) == 5);
-}
-
-TEST_CASE_METHOD(StoreFixture, "waiting alerts come oldest first, no more than asked for") {
-  Store store = open();
-  for (int i = 1; i <= 5; ++i) CHECK(store.enqueue_alert(std::to_string(i)));
-  const auto alerts = require_ok(store.waiting_alerts(3));
-  REQUIRE(alerts.size() == 3);
-  for (std::size_t i = 0; i < 3; ++i) CHECK(alerts[i].json == std::to_string(i + 1));
-  CHECK(require_ok(store.waiting_alerts(0)).empty());
-}
-
-TEST_CASE_METHOD(StoreFixture, "a full outbox takes the next alert in the place of the oldest") {
-  Store store = open();
-  require_ok(store.in_transaction([&]() -> Result<void> {
-    for (std::uint64_t i = 0; i < Store::max_waiting_alerts; ++i)
-      if (auto queued = store.enqueue_alert("{}"); !queued) return propagate(queued);
-    return {};
-  }));
-  CHECK(require_ok(store.enqueue_alert("{}")) == Store::max_waiting_alerts + 1);
-  CHECK(require_ok(store.waiting_alerts(1)).front().sequence == 2);
-  CHECK(require_ok(store.waiting_alert_count()) == Store::max_waiting_alerts);
-  const auto latest = require_ok(store.latest_alerts(2));
-  REQUIRE(latest.size() == 2);
-  CHECK(latest[0].sequence == Store::max_waiting_alerts);
-  CHECK(latest[1].sequence == Store::max_waiting_alerts + 1);
-}
-
 TEST_CASE_METHOD(StoreFixture, "a transaction keeps all of its writes or none") {
   Store store = open();
   const auto chain = random_chain(random, 1, key);
@@ -167,7 +138,8 @@ TEST_CASE_METHOD(StoreFixture, "a transaction keeps all of its writes or none") 
     return store.in_transaction([&]() -> Result<void> {
       require_ok(store.append_record(1, "front", chain[0]));
       require_ok(store.save_state("front", "after"));
-      CHECK(store.enqueue_alert("{}"));
+      CHECK(store.keep_alert("{}"));
+      require_ok(store.enqueue_event(event(1)));
       return end;
     });
   };
@@ -177,6 +149,7 @@ TEST_CASE_METHOD(StoreFixture, "a transaction keeps all of its writes or none") 
   CHECK(require_ok(store.record_count()) == 0);
   CHECK(require_ok(store.state("front")) == std::nullopt);
   CHECK(require_ok(store.next_alert_sequence()) == 1);
+  CHECK(require_ok(store.next_event_sequence()) == 1);
 
   CHECK_THROWS_AS((void)store.in_transaction([&]() -> Result<void> {
     require_ok(store.save_state("front", "thrown"));
@@ -260,7 +233,8 @@ TEST_CASE_METHOD(StoreFixture, "what had returned is there after kill -9 at any 
         require_ok(store.in_transaction([&]() -> Result<void> {
           require_ok(store.append_record(last + 1, "front", bytes));
           require_ok(store.save_state("front", std::to_string(last + 1)));
-          CHECK(store.enqueue_alert(std::to_string(last + 1)));
+          CHECK(store.keep_alert(std::to_string(last + 1)));
+          require_ok(store.enqueue_event(event(last + 1)));
           return {};
         }));
         const std::uint64_t done = last + 1;
@@ -281,7 +255,8 @@ TEST_CASE_METHOD(StoreFixture, "what had returned is there after kill -9 at any 
     REQUIRE(count <= promised + 1);  // at most one was done and not yet promised
     REQUIRE(require_ok(verified_history(store, key.public_key())).size() == count);
     REQUIRE(require_ok(store.state("front")) == (count == 0 ? std::nullopt : std::optional(std::to_string(count))));
-    REQUIRE(require_ok(store.waiting_alert_count()) == count);
+    REQUIRE(require_ok(store.waiting_event_count()) == count);
+    REQUIRE(require_ok(store.next_event_sequence()) == count + 1);
     REQUIRE(require_ok(store.next_alert_sequence()) == count + 1);
     promised = count;
   }
@@ -293,7 +268,7 @@ TEST_CASE_METHOD(StoreFixture, "a file that is no store of ours, or of a newer c
   CHECK_FALSE(std::filesystem::exists(file));
   CHECK(Store::open(folder.path() / "no_folder" / "x", Store::Mode::read_write).error().code == "store_failed");
   { const Store store = open(); }
-  tamper("PRAGMA user_version = 2");
+  tamper("PRAGMA user_version = 3");
   for (const auto mode : {Store::Mode::read_only, Store::Mode::read_write}) {
     const auto newer = Store::open(file, mode);
     REQUIRE_FALSE(newer);
@@ -332,7 +307,8 @@ TEST_CASE_METHOD(StoreFixture, "a write that fails says so and changes nothing")
   const Store reader = open(Store::Mode::read_only);
   Store no_writer = open(Store::Mode::read_only);
   CHECK(no_writer.save_state("front", "{}").error().code == "store_failed");
-  CHECK(no_writer.enqueue_alert("{}").error().code == "store_failed");
+  CHECK(no_writer.keep_alert("{}").error().code == "store_failed");
+  CHECK(no_writer.enqueue_event(event(1)).error().code == "store_failed");
   const auto in_transaction = no_writer.in_transaction([&] { return no_writer.save_state("front", "{}"); });
   REQUIRE_FALSE(in_transaction);
   CHECK(in_transaction.error().code == "store_failed");

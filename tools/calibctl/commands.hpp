@@ -95,6 +95,12 @@ Exit events(const Paths& paths, const EventsOptions& options);
 /// Lets calibd read its configuration again.
 Exit reload(const Paths& paths, bool as_json);
 
+struct AlertsOptions {
+  bool json = false, follow = false, acknowledge = false;
+};
+/// Prints the events that wait for the fleet, and with `follow` those that come.
+Exit alerts(const Paths& paths, const AlertsOptions& options);
+
 struct DoctorOptions {
   std::string pair;  // all when empty
   bool json = false;

@@ -53,6 +53,7 @@ struct CommandLine {
   StatusOptions status;
   WaitOptions wait;
   ShowOptions show;
+  AlertsOptions alerts;
   DoctorOptions doctor;
   EventsOptions events;
   ExplainOptions explain;
@@ -78,6 +79,7 @@ struct CommandLine {
   void add_events();
   void add_records();
   void add_requests();
+  void add_alerts();
   void add_doctor();
   void add_formats();
 };
@@ -100,6 +102,7 @@ CommandLine::CommandLine() {
   add_events();
   add_records();
   add_requests();
+  add_alerts();
   add_doctor();
   add_formats();
 
@@ -168,6 +171,14 @@ void CommandLine::add_events() {
       "Not before this time (2026-01-31T12:00:00Z, 2026-01-31) or so long ago (90min, 2h, 7d)");
   list->add_option("--journal", events.journal, "Folder of journal files, in place of the system's journal");
   list->add_flag("--json", events.json, "Print JSON as defined by calibctl.schema.json");
+}
+
+void CommandLine::add_alerts() {
+  auto* const list =
+      subcommand("alerts", "List the events that wait for the fleet", [this] { return ctl::alerts(paths, alerts); });
+  list->add_flag("--json", alerts.json, "Print a line of JSON as defined by feed.schema.json for each");
+  list->add_flag("--follow", alerts.follow, "Go on with those that come, until interrupted");
+  list->add_flag("--ack", alerts.acknowledge, "Remove them from the outbox once they are printed");
 }
 
 void CommandLine::add_doctor() {

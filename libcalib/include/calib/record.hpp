@@ -90,6 +90,9 @@ struct CalibrationRecord {
 /// `{"translation_m":[x,y,z],"quaternion_xyzw":[x,y,z,w]}`, the one form of a transform in every JSON text.
 [[nodiscard]] nlohmann::json transform_json(const RigidTransform& transform);
 
+/// `json` in the canonical form of proto/record.md, which is what is signed.
+[[nodiscard]] std::string canonical_json(const nlohmann::json& json);
+
 /// What stands for the predecessor of the first record.
 inline constexpr std::string_view no_previous_sha256 =
     "0000000000000000000000000000000000000000000000000000000000000000";

@@ -16,8 +16,8 @@ struct sqlite3;
 namespace calib {
 
 /// What survives a restart, in one SQLite file (WAL, synchronous=FULL): signed records, the state of every
-/// pair's drift monitor, and the outbox of alerts that wait for delivery. One writer (the daemon), any number
-/// of readers.
+/// pair's drift monitor, the latest alerts, and the outbox of events that wait for delivery. One writer (the daemon),
+/// any number of readers.
 ///
 /// Every write is durable when the call returns; writes that belong together go through `in_transaction`.
 /// All calls fail with `store_failed` (SQLite's own words in the context). A Store is used by one thread at a
@@ -27,8 +27,8 @@ class Store {
  public:
   enum class Mode { read_only, read_write };
   /// Opens `file`, making it when `read_write`. Fails with `store_not_found` or `store_failed`; a file of a
-  /// newer schema is refused with `store_version`. A writer takes the file from everybody else (mode 0600): whoever
-  /// may read it may lock it, and so stop the writer.
+  /// newer schema is refused with `store_version`, one of an older schema is brought to the present one. A writer takes
+  /// the file from everybody else (mode 0600): whoever may read it may lock it, and so stop the writer.
   [[nodiscard]] static Result<Store> open(const std::filesystem::path& file, Mode mode);
 
   /// Runs `body` in one transaction: all of its writes become durable together, or none when it fails. Not
@@ -47,24 +47,50 @@ class Store {
   [[nodiscard]] Result<void> save_state(std::string_view pair, std::string_view json);
   [[nodiscard]] Result<std::optional<std::string>> state(std::string_view pair) const;
 
-  /// An alert that waits for delivery. `sequence` rises by one per alert, for ever, across restarts.
+  /// A change of verdict as DDS has it. `sequence` rises by one per alert, for ever, across restarts.
   struct Alert {
     std::uint64_t sequence = 0;
     std::string json;
   };
-  /// The sequence the next `enqueue_alert` will give.
+  /// The sequence the next `keep_alert` will give.
   [[nodiscard]] Result<std::uint64_t> next_alert_sequence() const;
-  /// When `max_waiting_alerts` wait, the oldest makes room: an outbox that nobody empties stops nothing else. The gap
-  /// shows in the numbers.
-  [[nodiscard]] Result<std::uint64_t> enqueue_alert(std::string_view json);
-  static constexpr std::uint64_t max_waiting_alerts = 100'000;
-  /// Up to `limit` waiting alerts, oldest first.
-  [[nodiscard]] Result<std::vector<Alert>> waiting_alerts(std::size_t limit) const;
+  /// The latest `kept_alerts` stay, for late readers.
+  [[nodiscard]] Result<std::uint64_t> keep_alert(std::string_view json);
+  static constexpr std::uint64_t kept_alerts = 32;
   /// The last `limit` of them, oldest first.
   [[nodiscard]] Result<std::vector<Alert>> latest_alerts(std::size_t limit) const;
-  [[nodiscard]] Result<std::uint64_t> waiting_alert_count() const;
-  /// Forgets alerts up to and including `sequence`: they were delivered.
-  [[nodiscard]] Result<void> alerts_delivered(std::uint64_t sequence);
+
+  /// What the fleet is told, until it was received. `sequence` rises by one per event, for ever, across restarts.
+  enum class Priority : std::uint8_t {
+    unsent_alert = 0,  // of a store of schema 1: the text of an alert, not of an event
+    state = 1,         // a later one makes it superfluous
+    alert = 2,
+    gap = 3,  // says which others were lost
+  };
+  struct Event {
+    std::uint64_t sequence = 0;
+    Priority priority = Priority::alert;
+    WallTime expires{};  // when it is no longer of use; in whole seconds
+    std::string json;
+  };
+  [[nodiscard]] Result<std::uint64_t> next_event_sequence() const;
+  /// `event.sequence` is the next one: the text names it, too. Fails with `store_failed` otherwise.
+  [[nodiscard]] Result<void> enqueue_event(const Event& event);
+  /// Puts the event into the place of the row with its sequence.
+  [[nodiscard]] Result<void> replace_event(const Event& event);
+  /// Up to `limit` waiting events with a sequence above `after`, oldest first.
+  [[nodiscard]] Result<std::vector<Event>> waiting_events(std::uint64_t after, std::size_t limit) const;
+  [[nodiscard]] Result<std::uint64_t> waiting_event_count() const;
+  /// Forgets events up to and including `sequence`: they were received, or make room for others.
+  [[nodiscard]] Result<void> acknowledge(std::uint64_t sequence);
+  [[nodiscard]] Result<void> forget_states();
+  /// Rows are no longer than this, so that two fit into one of SQLite's pages: 4800 take 9.8 MB.
+  static constexpr std::size_t max_event_bytes = 2000;
+  static constexpr std::uint64_t max_waiting_events = 4800;
+
+  /// What whoever writes events must not forget, as an opaque text; none when never saved.
+  [[nodiscard]] Result<void> save_feed_memory(std::string_view text);
+  [[nodiscard]] Result<std::optional<std::string>> feed_memory() const;
 
  private:
   struct Close {
