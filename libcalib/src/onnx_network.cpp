@@ -91,7 +91,13 @@ Result<void> open_onnx_runtime() {
                                            " or newer), or use another depth source than onnx");
   };
   void* library = dlopen(name, RTLD_NOW | RTLD_LOCAL);
-  if (library == nullptr) return refuse(dlerror());
+  if (library == nullptr) {
+    const std::string why = dlerror();
+    // As Debian names it: by the version that this was compiled with.
+    const std::string with_version = std::string(name) + "." + std::to_string(ORT_API_VERSION);
+    library = dlopen(with_version.c_str(), RTLD_NOW | RTLD_LOCAL);
+    if (library == nullptr) return refuse(why);
+  }
   const auto entry = reinterpret_cast<decltype(&OrtGetApiBase)>(dlsym(library, "OrtGetApiBase"));
   if (entry == nullptr) return refuse("it has no OrtGetApiBase");
   onnx_runtime = entry();
