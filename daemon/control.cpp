@@ -13,6 +13,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <fstream>
 
 namespace calib {
 namespace {
@@ -38,6 +39,14 @@ bool is_member(uid_t uid, gid_t group) {
   return std::ranges::find(groups, group) != groups.end();
 }
 
+/// What pam_loginuid has noted for the session of a process.
+std::optional<uid_t> login_of(pid_t pid) {
+  constexpr uid_t unset = static_cast<uid_t>(-1);
+  std::ifstream file("/proc/" + std::to_string(pid) + "/loginuid");
+  uid_t login = unset;
+  return file >> login && login != unset ? std::optional(login) : std::nullopt;
+}
+
 Result<Peer> peer_of(int fd) {
   ucred credentials{};
   socklen_t size = sizeof credentials;
@@ -45,7 +54,28 @@ Result<Peer> peer_of(int fd) {
     return fail(ErrorCode::control_socket, system_error("SO_PEERCRED"));
   const bool may_change = credentials.uid == 0 || credentials.uid == geteuid() || credentials.gid == getegid() ||
                           is_member(credentials.uid, getegid());
-  return Peer{credentials.uid, credentials.pid, may_change};
+  const bool may_change_keys = credentials.uid == 0 || credentials.uid == geteuid();
+  return Peer{credentials.uid, credentials.pid, login_of(credentials.pid), may_change, may_change_keys};
+}
+
+/// As `read`, and takes the file that came along.
+ssize_t receive(int fd, char* buffer, std::size_t size, std::shared_ptr<const SentFile>& file) {
+  iovec part{buffer, size};
+  alignas(cmsghdr) char control[CMSG_SPACE(sizeof(int))];  // the kernel closes what exceeds it
+  msghdr message{};
+  message.msg_iov = &part;
+  message.msg_iovlen = 1;
+  message.msg_control = control;
+  message.msg_controllen = sizeof control;
+  const ssize_t count = recvmsg(fd, &message, MSG_CMSG_CLOEXEC);
+  if (count < 0) return count;
+  for (cmsghdr* part_of = CMSG_FIRSTHDR(&message); part_of != nullptr; part_of = CMSG_NXTHDR(&message, part_of)) {
+    if (part_of->cmsg_level != SOL_SOCKET || part_of->cmsg_type != SCM_RIGHTS) continue;
+    int sent = -1;
+    std::memcpy(&sent, CMSG_DATA(part_of), sizeof sent);
+    file = std::make_shared<const SentFile>(sent);
+  }
+  return count;
 }
 
 bool is_listening(const sockaddr_un& address) {
@@ -73,6 +103,10 @@ Result<nlohmann::json> parse_request(std::string_view line) {
 void ControlSocket::Replies::wake() const {
   const std::uint64_t one = 1;
   [[maybe_unused]] const ssize_t written = write(wake_fd, &one, sizeof one);
+}
+
+SentFile::~SentFile() {
+  if (fd >= 0) close(fd);
 }
 
 ControlSocket::Replies::~Replies() {
@@ -149,7 +183,7 @@ void ControlSocket::drop(std::uint64_t id) {
 bool ControlSocket::read_request(std::uint64_t id, Connection& connection,
                                  const std::function<void(ClientRequest)>& handle) {
   char buffer[4096];
-  const ssize_t count = read(connection.fd, buffer, sizeof buffer);
+  const ssize_t count = receive(connection.fd, buffer, sizeof buffer, connection.file);
   if (count < 0) return errno == EAGAIN || errno == EINTR;
   // A client may close its writing side and still read; one that closes it before its request is gone.
   if (count == 0) return connection.requested;
@@ -170,7 +204,7 @@ bool ControlSocket::read_request(std::uint64_t id, Connection& connection,
   if (!request)
     reply(refusal(to_string(request.error().code), request.error().context));
   else
-    handle({*std::move(request), connection.peer, reply, connection.gone});
+    handle({*std::move(request), connection.peer, reply, connection.gone, std::move(connection.file)});
   return true;
 }
 

@@ -26,27 +26,42 @@ struct RecordsRequest {
 struct DiagnosisRequest {
   std::optional<std::string> pair;
 };
+/// What a person says beside a request, checked, and the login as the person's program has it.
+struct Said {
+  std::string comment;
+  std::optional<std::uint64_t> login{};
+};
 struct RecalibrationRequest {
   std::string pair;
   bool dry_run = false;
+  Said said{};
 };
 struct AcceptRequest {
   std::string pair;
+  Said said{};
 };
 /// To the extrinsic of record `to`, or to the one before the present one.
 struct RollbackRequest {
   std::string pair;
   std::optional<std::uint64_t> to;
+  Said said{};
 };
-using ControlRequest =
-    std::variant<StatusRequest, RecordsRequest, DiagnosisRequest, RecalibrationRequest, AcceptRequest, RollbackRequest>;
+/// The next key comes as a file along with the request, unless the one before it is lost.
+struct KeyRequest {
+  bool lost = false;
+  std::optional<std::uint64_t> doubted_from{};
+  Said said{};
+};
+using ControlRequest = std::variant<StatusRequest, RecordsRequest, DiagnosisRequest, RecalibrationRequest,
+                                    AcceptRequest, RollbackRequest, KeyRequest>;
 
 /// Some of the store's records, both texts empty where one is missing.
 struct RecordsPage {
   std::uint64_t stored = 0;
   std::vector<SignedRecord> records;
 };
-/// An `Error` has one of the codes `bad_request`, `not_found`, `not_ready`, `denied` and `failed`.
+/// An `Error` has one of the codes `bad_request`, `not_found`, `not_ready`, `denied`, `wrong_key` and
+/// `failed`.
 using ControlReply = std::variant<Error, Status, RecordsPage, DiagnosisReport, Answer>;
 
 /// A request as `parse_request` lets it pass. Fails with `bad_request`.

@@ -106,11 +106,21 @@ Result<calib::Provenance> provenance(const calib::Config& config) {
   return calib::Provenance{config.vehicle, config.sha256, calib::version, calib::sha256_hex(*software), boot_id};
 }
 
+/// The public key that lies beside the secret one, or where calibctl looks for it: records that the secret key has not
+/// signed may verify with it.
+std::optional<calib::PublicKey> trusted_key(std::filesystem::path signing_key) {
+  for (const std::filesystem::path& file :
+       {signing_key.replace_extension(".pub"), std::filesystem::path("/etc/calibd/signing.pub")})
+    if (auto key = calib::load_public_key(file)) return *key;
+  return std::nullopt;
+}
+
 Result<std::unique_ptr<calib::Service>> make_service(calib::Config config, calib::SigningKey key,
                                                      const calib::ControlSocket& control) {
   auto known = provenance(config);
   if (!known) return propagate(known);
-  auto ledger = calib::Ledger::open(config.state_dir, config.head_dir, std::move(key), std::move(*known));
+  auto ledger = calib::Ledger::open(config.state_dir, config.head_dir, std::move(key), std::move(*known),
+                                    trusted_key(config.signing_key));
   if (!ledger) return propagate(ledger);
   const auto log = [](int priority, const std::string& line) {
     calib::journal(priority, calib::message_ids::dds_complains, line);
@@ -154,7 +164,7 @@ int serve(calib::Service& service, calib::ControlSocket& control, int signal_fd)
     const auto reply = [send = client.reply](const calib::ControlReply& made) { send(encode_reply(made)); };
     try {
       if (auto request = calib::decode_request(client.request))
-        service.ask({std::move(*request), client.peer, reply, client.client_gone});
+        service.ask({std::move(*request), client.peer, reply, client.client_gone, client.file});
       else
         reply(request.error());
     } catch (const std::exception& exception) {

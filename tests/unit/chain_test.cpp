@@ -41,6 +41,16 @@ void check_broken(const Chain& chain, const PublicKey& trusted, std::size_t good
   CHECK_THAT(verified.periods.error().context, ContainsSubstring("record " + std::to_string(good + 1)));
 }
 
+/// Where the chain breaks; its length when it does not.
+std::size_t verified_length(const std::vector<SignedRecord>& chain, const PublicKey& key) {
+  std::string previous(no_previous_sha256);
+  for (std::size_t i = 0; i < chain.size(); ++i) {
+    if (!verify_record(chain[i], key, previous, i + 1)) return i;
+    previous = sha256_hex(chain[i].canonical);
+  }
+  return chain.size();
+}
+
 CalibrationRecord key_change(const Chain& chain, KeyChange change) {
   CalibrationRecord record;
   record.vehicle = "car";
@@ -217,6 +227,31 @@ TEST_CASE("a text that is not a change of keys is refused") {
         replaced(R"("key_changed")", R"("accepted")")}) {
     INFO(bad);
     CHECK_FALSE(parse_record(bad));
+  }
+}
+
+TEST_CASE("a chain breaks where a record is removed, moved, replaced or inserted") {
+  std::mt19937 random(4);
+  const SigningKey key = SigningKey::generate();
+  const PublicKey public_key = key.public_key();
+  const auto chain = random_chain(random, 6, key);
+  REQUIRE(verified_length(chain, public_key) == 6);
+
+  for (std::size_t i = 0; i + 1 < chain.size(); ++i) {
+    auto removed = chain;
+    removed.erase(removed.begin() + static_cast<std::ptrdiff_t>(i));
+    CHECK(verified_length(removed, public_key) == i);
+    auto swapped = chain;
+    std::swap(swapped[i], swapped[i + 1]);
+    CHECK(verified_length(swapped, public_key) == i);
+    auto repeated = chain;
+    repeated.insert(repeated.begin() + static_cast<std::ptrdiff_t>(i), chain[i]);
+    CHECK(verified_length(repeated, public_key) == i + 1);
+    // Validly signed, with the right number and predecessor: the record after it gives it away.
+    auto replaced_one = chain;
+    replaced_one[i] =
+        sign_next(random_record(random), {chain.begin(), chain.begin() + static_cast<std::ptrdiff_t>(i)}, key);
+    CHECK(verified_length(replaced_one, public_key) == i + 1);
   }
 }
 
