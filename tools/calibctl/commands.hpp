@@ -75,9 +75,20 @@ Exit export_all(const Paths& paths, const std::filesystem::path& folder);
 /// Verifies `files` (exported records, in any order), or the whole chain of the store when there are none.
 Exit verify(const Paths& paths, const std::vector<std::filesystem::path>& files);
 
-Exit recalibrate(const Paths& paths, const std::string& pair, bool dry_run);
-Exit accept(const Paths& paths, const std::string& pair);
-Exit roll_back(const Paths& paths, const std::string& pair, std::optional<std::uint64_t> to);
+// `comment` is for the record, and may be empty.
+Exit recalibrate(const Paths& paths, const std::string& pair, bool dry_run, const std::string& comment);
+Exit accept(const Paths& paths, const std::string& pair, const std::string& comment);
+Exit roll_back(const Paths& paths, const std::string& pair, std::optional<std::uint64_t> to,
+               const std::string& comment);
+
+struct KeyOptions {
+  std::filesystem::path file;  // secret key
+  bool lost = false;
+  std::optional<std::uint64_t> doubted_from;
+  std::string comment;
+};
+/// Lets calibd sign with the key in `file` from now on; or, where the key before it is lost, with the one it has.
+Exit rotate_key(const Paths& paths, const KeyOptions& options);
 
 struct DoctorOptions {
   std::string pair;  // all when empty
