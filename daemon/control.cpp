@@ -61,18 +61,18 @@ Result<Peer> peer_of(int fd) {
 /// As `read`, and takes the file that came along.
 ssize_t receive(int fd, char* buffer, std::size_t size, std::shared_ptr<const SentFile>& file) {
   iovec part{buffer, size};
-  alignas(cmsghdr) char control[CMSG_SPACE(sizeof(int))];  // the kernel closes what exceeds it
+  alignas(cmsghdr) char control[CMSG_SPACE(sizeof(int))];
   msghdr message{};
   message.msg_iov = &part;
   message.msg_iovlen = 1;
   message.msg_control = control;
-  message.msg_controllen = sizeof control;
+  message.msg_controllen = CMSG_LEN(sizeof(int));  // one file; the kernel closes any more, for which there is no room
   const ssize_t count = recvmsg(fd, &message, MSG_CMSG_CLOEXEC);
   if (count < 0) return count;
-  for (cmsghdr* part_of = CMSG_FIRSTHDR(&message); part_of != nullptr; part_of = CMSG_NXTHDR(&message, part_of)) {
-    if (part_of->cmsg_level != SOL_SOCKET || part_of->cmsg_type != SCM_RIGHTS) continue;
+  const cmsghdr* const rights = CMSG_FIRSTHDR(&message);
+  if (rights != nullptr && rights->cmsg_level == SOL_SOCKET && rights->cmsg_type == SCM_RIGHTS) {
     int sent = -1;
-    std::memcpy(&sent, CMSG_DATA(part_of), sizeof sent);
+    std::memcpy(&sent, CMSG_DATA(rights), sizeof sent);
     file = std::make_shared<const SentFile>(sent);
   }
   return count;
