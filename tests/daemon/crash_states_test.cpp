@@ -196,3 +196,54 @@ TEST_CASE("records that a disk loses which does not sync are missed by name", "[
   }
   CHECK(lost > 50);
 }
+
+TEST_CASE("a full, failing or read-only disk and a clock that is set back lose no acknowledged record") {
+  use_memory();
+  const int code = GENERATE(SQLITE_FULL, SQLITE_IOERR_WRITE, SQLITE_IOERR_FSYNC, SQLITE_READONLY);
+  for (int operations = 0; operations < 12; ++operations) {
+    INFO("code " << code << ", after " << operations << " operations");
+    const test::TemporaryFolder folder, keys;
+    for (const char* name : {"a", "b"})
+      require_ok(SigningKey::generate().save(keys.path() / (std::string(name) + ".key")));
+    const auto key = [&](const char* name) {
+      return require_ok(SigningKey::load(keys.path() / (std::string(name) + ".key")));
+    };
+    test::RecordingVfs vfs([] {});
+    Moment now{1'700'000'000s, 42s};
+    std::uint64_t acknowledged = 0;
+    int failed = 0;
+    const auto write = [&](Ledger& ledger) {
+      CalibrationRecord record;
+      record.decision = Decision::initial;
+      record.evidence_sha256 = std::string(64, 'e');
+      const auto written = ledger.write("front", {}, {record, {}}, now);
+      if (written)
+        acknowledged = written->record->sequence;
+      else
+        CHECK(written.error().code == "store_failed");
+      failed += !written;
+      return written.has_value();
+    };
+    {
+      auto ledger = require_ok(Ledger::open(folder.path(), folder.path(), key("a"), provenance));
+      REQUIRE(write(ledger));
+      vfs.fail_after(operations, code);
+      for (int i = 0; i < 6; ++i) (void)write(ledger);
+      CHECK((failed > 0 || operations >= 6));
+      vfs.fail_after(0, code);
+      PairState state;
+      const auto changed = ledger.change_key({key("b"), {}, "uid:0", {}}, {{"front", &state}}, now);
+      REQUIRE_FALSE(changed);
+      CHECK(changed.error().code == "store_failed");
+      CHECK(ledger.key_id() == key("a").public_key().id_text());
+      vfs.heal();
+      now.wall -= std::chrono::hours(24 * 3652);
+      REQUIRE(write(ledger));
+      CHECK(ledger.next_sequence() == acknowledged + 1);
+    }
+    auto ledger = require_ok(Ledger::open(folder.path(), folder.path(), key("a"), provenance));
+    CHECK_FALSE(ledger.records_missing());
+    CHECK(ledger.next_sequence() == acknowledged + 1);
+    REQUIRE(write(ledger));
+  }
+}

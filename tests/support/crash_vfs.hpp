@@ -50,6 +50,12 @@ class RecordingVfs {
   RecordingVfs& operator=(const RecordingVfs&) = delete;
 
   [[nodiscard]] const std::vector<DiskOperation>& operations() const { return operations_; }
+  /// After so many more writes, or syncs, each one fails with this code of SQLite's, until `heal`.
+  void fail_after(int operations, int code) {
+    until_failure_ = operations;
+    failure_ = code;
+  }
+  void heal() { failure_ = SQLITE_OK; }
 
  private:
   struct File {
@@ -66,6 +72,12 @@ class RecordingVfs {
   static void note(DiskOperation operation) {
     current()->before_each_();
     current()->operations_.push_back(std::move(operation));
+  }
+
+  static int failure_of(DiskOperation::Kind kind) {
+    RecordingVfs& vfs = *current();
+    const bool concerns = (kind == DiskOperation::Kind::sync) == (vfs.failure_ == SQLITE_IOERR_FSYNC);
+    return vfs.failure_ == SQLITE_OK || !concerns || vfs.until_failure_-- > 0 ? SQLITE_OK : vfs.failure_;
   }
 
   static int open(sqlite3_vfs*, sqlite3_filename name, sqlite3_file* file, int flags, int* out_flags) {
@@ -96,6 +108,7 @@ class RecordingVfs {
         return of(file).system()->pMethods->xRead(of(file).system(), to, size, offset);
       };
       io.xWrite = [](sqlite3_file* file, const void* from, int size, sqlite3_int64 offset) {
+        if (const int failure = failure_of(DiskOperation::Kind::write); failure != SQLITE_OK) return failure;
         note({.kind = DiskOperation::Kind::write,
               .file = of(file).name,
               .offset = offset,
@@ -107,6 +120,7 @@ class RecordingVfs {
         return of(file).system()->pMethods->xTruncate(of(file).system(), size);
       };
       io.xSync = [](sqlite3_file* file, int flags) {
+        if (const int failure = failure_of(DiskOperation::Kind::sync); failure != SQLITE_OK) return failure;
         note({.kind = DiskOperation::Kind::sync,
               .file = of(file).name,
               .with_folder = std::exchange(of(file).syncs_folder, false)});
@@ -156,6 +170,7 @@ class RecordingVfs {
   sqlite3_vfs* system_;
   sqlite3_vfs own_;
   std::vector<DiskOperation> operations_;
+  int until_failure_ = 0, failure_ = SQLITE_OK;
 };
 
 /// A disk after a power cut: what was synced is there; of what was not, each operation has happened, or has not, or
