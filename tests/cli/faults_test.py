@@ -16,7 +16,7 @@ import pytest
 
 from conftest import DONE, FAILED
 from daemon_test import configuration  # noqa: F401: a fixture
-from keys_test import vehicle  # noqa: F401: a fixture
+from keys_test import Vehicle, vehicle  # noqa: F401: a fixture
 
 KILLS = int(os.environ.get("CALIBD_KILLS", "12"))
 
@@ -122,43 +122,52 @@ def own_disk(folder, size):
         subprocess.run(["umount", "-l", folder], check=True)
 
 
-@pytest.mark.parametrize("fault", ["full", "read-only"])
-def test_a_full_or_read_only_disk_is_a_state_with_a_name_and_passes(bare, bin_dir, configuration, fault):  # noqa: F811
-    from keys_test import Vehicle
-
+@pytest.fixture
+def on_own_disk(bare, bin_dir, configuration):  # noqa: F811
+    """A vehicle whose state folder is a file system of 3 MB."""
     state = bare.folder / "state"
     with own_disk(state, "3m"):
         configuration.write_text(re.sub(r"(?m)^state_dir:.*$", f"state_dir: {state}", configuration.read_text()))
         bare.store = state / "calibd.db"
         bare.command = lambda *arguments: [bare.program, "--socket", bare.socket, "--state-dir", state, "--public-key",
                                            bare.public_key, *arguments]
-        vehicle = Vehicle(bare, bin_dir, configuration)  # noqa: F811
-        start_ready(vehicle)
-        try:
-            assert bare("rollback", "front", "--to", "1", "--comment", "before").exit == DONE
-            if fault == "full":
-                with contextlib.suppress(OSError), open(state / "filler", "wb", buffering=0) as filler:
-                    while True:
-                        filler.write(b"x" * 4096)
-            else:
-                subprocess.run(["mount", "-o", "remount,ro", state], check=True)
-            refused = bare("rollback", "front", "--to", "1", "--comment", "x" * 1000)
-            assert refused.exit == FAILED and "could not be written" in refused.err, refused
-            assert bare("rotate-key", vehicle.folder / "next.key").exit == FAILED
-            pair, = vehicle.status()["pairs"]
-            assert pair["verdict"] == "not_evaluated" and pair["cause"] == "store_failed", pair
-            assert bare("verify").out.startswith("2 records verified")
-            if fault == "full":
-                (state / "filler").unlink()
-            else:
-                subprocess.run(["mount", "-o", "remount,rw", state], check=True)
-            deadline = time.monotonic() + 20
-            while bare("rollback", "front", "--to", "1").exit != DONE:
-                assert time.monotonic() < deadline
-                time.sleep(0.2)
-            vehicle.stop(signal.SIGKILL)
-            assert start_ready(vehicle)["records"] == {"missing": None, "signing_refused": None}
-            assert bare("verify").out.startswith("3 records verified")
-        finally:
-            vehicle.running.kill()
-            vehicle.running.wait()
+        made = Vehicle(bare, bin_dir, configuration)
+        start_ready(made)
+        yield made, state
+        made.running.kill()
+        made.running.wait()
+
+
+def test_a_full_disk_is_a_state_with_a_name_and_passes(on_own_disk):
+    vehicle, state = on_own_disk  # noqa: F811
+    calibctl = vehicle.calibctl
+    assert calibctl("rollback", "front", "--to", "1", "--comment", "before").exit == DONE
+    with contextlib.suppress(OSError), open(state / "filler", "wb", buffering=0) as filler:
+        while True:
+            filler.write(b"x" * 4096)
+    refused = calibctl("rollback", "front", "--to", "1", "--comment", "x" * 1000)
+    assert refused.exit == FAILED and "could not be written" in refused.err, refused
+    assert calibctl("rotate-key", vehicle.folder / "next.key").exit == FAILED
+    pair, = vehicle.status()["pairs"]
+    assert pair["verdict"] == "not_evaluated" and pair["cause"] == "store_failed", pair
+    assert calibctl("verify").out.startswith("2 records verified")
+    (state / "filler").unlink()
+    deadline = time.monotonic() + 20
+    while calibctl("rollback", "front", "--to", "1").exit != DONE:
+        assert time.monotonic() < deadline
+        time.sleep(0.2)
+    vehicle.stop(signal.SIGKILL)
+    assert start_ready(vehicle)["records"] == {"missing": None, "signing_refused": None}
+    assert calibctl("verify").out.startswith("3 records verified")
+
+
+def test_a_start_on_a_read_only_disk_says_so_and_leaves_the_records(on_own_disk):
+    vehicle, state = on_own_disk  # noqa: F811
+    assert vehicle.calibctl("rollback", "front", "--to", "1").exit == DONE
+    vehicle.stop()
+    subprocess.run(["mount", "-o", "remount,ro", state], check=True)
+    refused = subprocess.run(vehicle.command, capture_output=True, text=True, timeout=30, check=False)
+    assert refused.returncode == 78 and f"{state} cannot be written" in refused.stderr, refused
+    assert vehicle.calibctl("verify").out.startswith("2 records verified")
+    subprocess.run(["mount", "-o", "remount,rw", state], check=True)
+    assert start_ready(vehicle)["records"] == {"missing": None, "signing_refused": None}
