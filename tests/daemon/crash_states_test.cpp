@@ -104,11 +104,6 @@ int number_of_states() {
   return wanted != nullptr ? std::atoi(wanted) : 2000;
 }
 
-/// In memory, if there is such a folder: nothing here depends on a disk, and thousands of syncs would take minutes.
-void use_memory() {
-  if (std::filesystem::is_directory("/dev/shm")) setenv("TMPDIR", "/dev/shm", 1);
-}
-
 const Acknowledged& acknowledged_at(const Life& life, std::size_t count) {
   const Acknowledged* known = &life.acknowledged.front();
   for (const Acknowledged& each : life.acknowledged)
@@ -129,7 +124,6 @@ Result<Ledger> open_after(const Life& life, const test::CrashedDisk& disk, std::
 }  // namespace
 
 TEST_CASE("a power cut at any moment loses no acknowledged record and breaks no chain", "[release-only]") {
-  use_memory();
   Life life;
   REQUIRE(life.operations.size() > 500);
   REQUIRE(life.acknowledged.back().records.size() > 30);
@@ -174,7 +168,6 @@ TEST_CASE("a power cut at any moment loses no acknowledged record and breaks no 
 }
 
 TEST_CASE("records that a disk loses which does not sync are missed by name", "[release-only]") {
-  use_memory();
   Life life;
   auto unsynced = life.operations;
   for (test::DiskOperation& operation : unsynced) operation.with_folder = false;
@@ -198,7 +191,6 @@ TEST_CASE("records that a disk loses which does not sync are missed by name", "[
 }
 
 TEST_CASE("a full, failing or read-only disk and a clock that is set back lose no acknowledged record") {
-  use_memory();
   const int code = GENERATE(SQLITE_FULL, SQLITE_IOERR_WRITE, SQLITE_IOERR_FSYNC, SQLITE_READONLY);
   for (int operations = 0; operations < 12; ++operations) {
     INFO("code " << code << ", after " << operations << " operations");
