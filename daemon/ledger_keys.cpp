@@ -3,6 +3,16 @@
 #include "ledger.hpp"
 
 namespace calib {
+namespace {
+
+/// Whether a record replaces a key that is lost, and the next one has signed it.
+bool says_lost(const Result<SignedRecord>& record) {
+  const auto parsed = record.and_then([](const SignedRecord& bytes) { return parse_record(bytes.canonical); });
+  return parsed && parsed->key_change && parsed->key_change->previous_lost &&
+         verify_signature(record->canonical, record->signature, parsed->key_change->next);
+}
+
+}  // namespace
 
 /// Verifies all records, and finds out whether this key may sign the next one.
 Result<std::vector<CalibrationRecord>> Ledger::read_records(const std::optional<PublicKey>& trusted) {
@@ -25,8 +35,10 @@ Result<std::vector<CalibrationRecord>> Ledger::read_records(const std::optional<
                        "; put the secret key of that one in place, and restart calibd";
     return records;
   }
-  // Where this key has signed some records and not those after them, somebody has changed the store.
-  if (by_own.error().code != ErrorCode::wrong_key || !records.empty()) return propagate(by_own);
+  // Where this key has signed some records and not those after them, somebody has changed the store; or has replaced
+  // this key, which was lost and is back.
+  const bool is_other_key = records.empty() || says_lost(store_.record(records.size() + 1));
+  if (by_own.error().code != ErrorCode::wrong_key || !is_other_key) return propagate(by_own);
   const auto by_trusted = trusted ? read(*trusted) : fail(ErrorCode::key_not_found, "there is no public key beside it");
   if (by_trusted) {
     periods_ = *by_trusted;
@@ -35,11 +47,12 @@ Result<std::vector<CalibrationRecord>> Ledger::read_records(const std::optional<
                        "rotate-key --lost";
     return records;
   }
-  signing_refused_ = "key " + own.id_text() + " has signed none of the records in " + state_dir_.string() +
-                     ", and they do not verify with the public key that is trusted, either (" +
+  records.clear();  // those of a chain that goes on with what cannot be believed may be outdated
+  signing_refused_ = "the records in " + state_dir_.string() + " do not verify with key " + own.id_text() + " (" +
+                     by_own.error().context + "), nor with the public key that is trusted (" +
                      by_trusted.error().context + "); put their key in place, or move that folder and " +
                      head_dir_.string() + " away, and restart calibd";
-  return std::vector<CalibrationRecord>{};
+  return records;
 }
 
 /// Alerts need no signature, and are worth the most when something is wrong.
@@ -88,8 +101,8 @@ Result<CalibrationRecord> Ledger::key_change(const NewKey& request) const {
   record.comment = request.comment;
   record.reason = "key " + next.id_text() + " replaces key " + last.key.id_text() + (lost ? ", which is lost" : "");
   if (request.doubted_from)
-    record.reason += "; its records from " + std::to_string(*request.doubted_from) +
-                     " on may be of somebody else who had it";
+    record.reason +=
+        "; its records from " + std::to_string(*request.doubted_from) + " on may be of somebody else who had it";
   record.key_change = KeyChange{last.key, next, lost, request.doubted_from};
   return record;
 }

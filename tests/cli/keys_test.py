@@ -161,7 +161,7 @@ def test_an_unknown_key_watches_what_the_configuration_says_and_writes_nothing(v
     assert vehicle.calibctl("keygen", "--out", vehicle.calibctl.key).exit == DONE
     vehicle.start()
     status = vehicle.status()
-    assert "has signed none of the records" in status["records"]["signing_refused"]
+    assert "do not verify with key" in status["records"]["signing_refused"]
     assert status["pairs"][0]["record"] is None and status["pairs"][0]["verdict"] == "not_evaluated"
     assert vehicle.calibctl("status", "--exit-code").exit == NO
     vehicle.stop()

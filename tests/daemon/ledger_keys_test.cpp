@@ -148,7 +148,7 @@ TEST_CASE("with a key that has signed nothing here, the records count if a trust
   for (const std::optional<PublicKey>& trusted :
        {std::optional<PublicKey>(), std::optional(garage.key("c").public_key())}) {
     Ledger ledger = garage.open("b", trusted);
-    CHECK_THAT(ledger.signing_refused().value(), ContainsSubstring("has signed none of the records"));
+    CHECK_THAT(ledger.signing_refused().value(), ContainsSubstring("do not verify with key " + garage.id("b")));
     CHECK(ledger.history("front").in_force() == nullptr);
     CHECK(ledger.find("front", 1).error().code == "wrong_key");
     CHECK(ledger.change_key({{}, {}, "uid:0", {}}, {}, moment).error().code == "wrong_key");
@@ -185,6 +185,13 @@ TEST_CASE("a lost key is replaced by the one that is there, for who trusts that 
   CHECK_FALSE(ledger.records_missing());
   CHECK_FALSE(ledger.signing_refused());
   CHECK(require_ok(ledger.state("rear"))->evaluated == 7);
+  // The one that was lost is found again, and put in place.
+  const Ledger found = garage.open("a", garage.key("a").public_key());
+  CHECK_THAT(found.signing_refused().value(), ContainsSubstring("key " + garage.id("a") + " was lost"));
+  CHECK(found.history("front").in_force() == nullptr);
+  const Ledger told = garage.open("a", garage.key("b").public_key());
+  CHECK(told.signing_refused());
+  CHECK(told.history("front").in_force()->sequence == 5);
 }
 
 TEST_CASE("a lost key does not hide that records are missing") {

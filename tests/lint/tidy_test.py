@@ -10,12 +10,12 @@ import pytest
 from compile_flags import all_flags
 
 READ_FROM_OUTSIDE = {
-    "libcalib/src": "axis_words claim cloud_layout config_node depth_model file image_codec image_header json_fields model_file network_image record "
-                    "sha256 signature status store wall_time",
-    "daemon": "chain_head config control evidence_file ledger",
+    "libcalib/src": "axis_words chain claim cloud_layout config_node depth_model file image_codec image_header json_fields model_file network_image record "
+                    "record_signature sha256 signature status store wall_time",
+    "daemon": "chain_head config control evidence_file ledger ledger_keys",
     "daemon/dds": "bus compressed_probe decode decode_camera_info decode_cloud decode_depth decode_image decode_motion discovery image_bound names "
                   "window",
-    "tools/calibctl": "control_client",
+    "tools/calibctl": "control_client exported_records",
     "tools/dataset": "cloud_file depth_files encoded_image frames_by_name image_file kitti_360 kitti_calibration kitti_object kitti_raw "
                      "list nuscenes pcd_file recording rosbag2",
     "tools/dataset/bag": "bag bag_frames bag_storage bag_topics byte_source decompress frame_pairs mcap_file ros_message sqlite_bag "
