@@ -15,7 +15,7 @@ READ_FROM_OUTSIDE = {
     "daemon": "chain_head config control evidence_file ledger ledger_keys",
     "daemon/dds": "bus compressed_probe decode decode_camera_info decode_cloud decode_depth decode_image decode_motion discovery image_bound names "
                   "window",
-    "tools/calibctl": "control_client exported_records",
+    "tools/calibctl": "control_client",
     "tools/dataset": "cloud_file depth_files encoded_image frames_by_name image_file kitti_360 kitti_calibration kitti_object kitti_raw "
                      "list nuscenes pcd_file recording rosbag2",
     "tools/dataset/bag": "bag bag_frames bag_storage bag_topics byte_source decompress frame_pairs mcap_file ros_message sqlite_bag "
