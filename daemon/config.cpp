@@ -226,6 +226,15 @@ Config read_config(const ConfigNode& top, const DefaultFolders& defaults) {
   return config;
 }
 
+/// The values that systemd/calibd.yaml and README.md show: nobody's vehicle. A demonstration has an extrinsic of its
+/// own.
+bool is_untouched_example(const Config& config) {
+  if (config.vehicle != "demo-car" || config.pairs.size() != 1) return false;
+  const PairConfig& pair = config.pairs.front();
+  return pair.camera.image == "/camera/left/image" && pair.lidar.cloud == "/lidar/points" &&
+         pair.T_camera_lidar.translation().isZero();
+}
+
 }  // namespace
 
 double false_alarms_per_pair(const Config& config, const DriftConfig& drift) {
@@ -242,7 +251,10 @@ std::chrono::nanoseconds evidence_lifetime(const SamplingConfig& sampling, std::
 
 Result<Config> parse_config(std::string_view yaml, const std::filesystem::path& file, const DefaultFolders& defaults) {
   Config config;
-  const auto read = parse_config_text(yaml, file, [&](const ConfigNode& top) { config = read_config(top, defaults); });
+  const auto read = parse_config_text(yaml, file, [&](const ConfigNode& top) {
+    config = read_config(top, defaults);
+    config.values = top.values();
+  });
   if (!read) return propagate(read);
   config.sha256 = sha256_hex(yaml);
   return config;
@@ -251,7 +263,12 @@ Result<Config> parse_config(std::string_view yaml, const std::filesystem::path& 
 Result<Config> load_config(const std::filesystem::path& file, const DefaultFolders& defaults) {
   const auto yaml = read_config_text(file);
   if (!yaml) return fail(yaml.error().code, yaml.error().context + "; give the file with --config FILE");
-  return parse_config(*yaml, file, defaults);
+  auto config = parse_config(*yaml, file, defaults);
+  if (config && is_untouched_example(*config))
+    return fail(ErrorCode::bad_config, file.string() +
+                                           ": these are still the example's values; write your vehicle's name, topics, "
+                                           "camera and extrinsic, and check them with `calibctl check-config`");
+  return config;
 }
 
 }  // namespace calib

@@ -2,6 +2,7 @@
 
 #include <chrono>
 #include <filesystem>
+#include <map>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -122,8 +123,11 @@ struct Config {
   bool signing_key_is_given = false;  // in the file
   SamplingConfig sampling;
   std::vector<PairConfig> pairs;
-  /// Of the file's bytes, lower-case hex. Each record names the configuration that it was computed under by it.
+  /// Of the file's bytes, lower-case hex. Each record names the configuration that it was computed under by it. After a
+  /// reload that could take over only a part (config_reload.hpp), of both files' digests.
   std::string sha256;
+  /// What the file says, by key.
+  std::map<std::string, std::string> values;
 };
 
 /// `DriftSettings::false_alarms_per_pair` from the configured alerts per 1000 vehicle-weeks: these are shared equally
@@ -146,7 +150,8 @@ struct DefaultFolders {
 [[nodiscard]] Result<Config> parse_config(std::string_view yaml, const std::filesystem::path& file,
                                           const DefaultFolders& defaults);
 
-/// `parse_config` of a file of at most 1 MiB. Fails also with `config_not_found`.
+/// `parse_config` of a file of at most 1 MiB. Fails also with `config_not_found`, and with `bad_config` for the values
+/// of the example that is installed: name, topics and extrinsic as a whole.
 [[nodiscard]] Result<Config> load_config(const std::filesystem::path& file, const DefaultFolders& defaults);
 
 }  // namespace calib

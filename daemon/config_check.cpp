@@ -6,19 +6,14 @@
 #include <algorithm>
 #include <cmath>
 
-#include "calib/signature.hpp"
+#include "signing_key.hpp"
 
 namespace calib {
 
 Result<void> check_files(const Config& config) {
   const bool readable = ::access(config.signing_key.c_str(), R_OK) == 0 || errno != EACCES;
   if (config.signing_key_is_given && readable)
-    if (const auto key = SigningKey::load(config.signing_key); !key)
-      return fail(key.error().code,
-                  "signing_key: " + key.error().context +
-                      (key.error().code == ErrorCode::key_not_found
-                           ? "; make a key with `calibctl keygen --out " + config.signing_key.string() + "`"
-                           : ""));
+    if (const auto key = load_signing_key(config); !key) return propagate(key);
   for (std::size_t i = 0; i < config.pairs.size(); ++i) {
     DepthConfig depth = config.pairs[i].depth;
     if (const auto pinned = pin_files(depth); !pinned)

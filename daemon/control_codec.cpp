@@ -66,6 +66,11 @@ json encode(const Answer& answer) {
   return reply;
 }
 
+json encode(const ConfigChanges& changes) {
+  return {
+      {"ok", true}, {"answer", "reloaded"}, {"taken_over", changes.taken_over}, {"need_restart", changes.need_restart}};
+}
+
 std::string pair_of(const json& request) {
   const json pair = request.value("pair", json());
   return pair.is_string() ? pair.get<std::string>() : "";
@@ -110,6 +115,7 @@ Result<ControlRequest> decode_request(const json& request) {
   if (!said) return propagate(said);
   if (what == "recalibrate")
     return RecalibrationRequest{pair_of(request), request.value("dry_run", json(false)) == true, std::move(*said)};
+  if (what == "reload") return ReloadRequest{};
   if (what == "accept") return AcceptRequest{pair_of(request), std::move(*said)};
   if (what == "rollback") {
     const auto to = number_of(request, "to", "a record's number");
@@ -122,7 +128,7 @@ Result<ControlRequest> decode_request(const json& request) {
     return KeyRequest{request.value("lost", json(false)) == true, *doubted_from, std::move(*said)};
   }
   return fail(ErrorCode::bad_request,
-              "the requests are status, records, doctor, recalibrate, accept, rollback and rotate_key");
+              "the requests are status, records, doctor, recalibrate, accept, rollback, reload and rotate_key");
 }
 
 json encode_reply(const ControlReply& reply) {

@@ -9,6 +9,7 @@
 
 #include "calib/signature.hpp"
 #include "calib/status.hpp"
+#include "config_reload.hpp"
 #include "diagnosis.hpp"
 #include "pair_pipeline.hpp"
 
@@ -36,6 +37,8 @@ struct RecalibrationRequest {
   bool dry_run = false;
   Said said{};
 };
+/// The configuration, anew from its file.
+struct ReloadRequest {};
 struct AcceptRequest {
   std::string pair;
   Said said{};
@@ -53,7 +56,7 @@ struct KeyRequest {
   Said said{};
 };
 using ControlRequest = std::variant<StatusRequest, RecordsRequest, DiagnosisRequest, RecalibrationRequest,
-                                    AcceptRequest, RollbackRequest, KeyRequest>;
+                                    AcceptRequest, RollbackRequest, ReloadRequest, KeyRequest>;
 
 /// Some of the store's records, both texts empty where one is missing.
 struct RecordsPage {
@@ -62,7 +65,7 @@ struct RecordsPage {
 };
 /// An `Error` has one of the codes `bad_request`, `not_found`, `not_ready`, `denied`, `wrong_key` and
 /// `failed`.
-using ControlReply = std::variant<Error, Status, RecordsPage, DiagnosisReport, Answer>;
+using ControlReply = std::variant<Error, Status, RecordsPage, DiagnosisReport, Answer, ConfigChanges>;
 
 /// A request as `parse_request` lets it pass. Fails with `bad_request`.
 [[nodiscard]] Result<ControlRequest> decode_request(const nlohmann::json& request);

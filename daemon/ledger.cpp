@@ -1,5 +1,7 @@
 #include "ledger.hpp"
 
+#include <sys/statvfs.h>
+
 #include <algorithm>
 #include <array>
 #include <cstdlib>
@@ -9,6 +11,8 @@
 namespace calib {
 namespace {
 
+/// What a decision may need. Without it evidence has no place to go to, a minute before that would show.
+constexpr std::uint64_t least_free_bytes = 32 << 10;
 constexpr std::string_view state_purpose = "calibd pair state";
 
 /// The line in front of a state in the store.
@@ -197,6 +201,15 @@ Result<Ledger::Written> Ledger::write(std::string_view pair, const PairState& st
 }
 
 Result<void> Ledger::is_writable() {
+  struct statvfs about {};
+  if (::statvfs(state_dir_.c_str(), &about) == 0) {
+    if ((about.f_flag & ST_RDONLY) != 0)
+      return fail(ErrorCode::store_failed, "the file system of " + state_dir_.string() + " is read-only");
+    const auto free_bytes = std::uint64_t{about.f_bavail} * about.f_frsize;
+    if (free_bytes < least_free_bytes)
+      return fail(ErrorCode::store_failed, "the disk of " + state_dir_.string() +
+                                               " is full: " + std::to_string(free_bytes >> 10) + " KiB are free");
+  }
   return store_.in_transaction([] { return Result<void>{}; });
 }
 

@@ -83,7 +83,7 @@ class Ledger {
                                                      const std::map<std::string_view, const PairState*>& states,
                                                      const Moment& now);
 
-  /// Whether `write` would find the store in its place and unlocked. Writes nothing.
+  /// Whether `write` would find the store in its place and unlocked, and room on the disk. Writes nothing.
   [[nodiscard]] Result<void> is_writable();
 
   /// The state that was written last; nothing when there is none. Fails with `malformed_state` when its MAC is wrong,
@@ -100,6 +100,9 @@ class Ledger {
   /// Of the key that has signed a record.
   [[nodiscard]] std::string key_id(std::uint64_t sequence) const { return period_of(sequence, periods_).key.id_text(); }
   [[nodiscard]] const Provenance& provenance() const { return provenance_; }
+
+  /// The configuration that later records name.
+  void set_configuration(std::string sha256) { provenance_.configuration_sha256 = std::move(sha256); }
 
   /// A sentence about records that had been written and are missing from the store. The next record contains it, too.
   [[nodiscard]] const std::optional<std::string>& records_missing() const { return records_missing_; }

@@ -12,6 +12,7 @@
 #include <chrono>
 #include <csignal>
 #include <cstdio>
+#include <ctime>
 #include <fstream>
 #include <iterator>
 #include <opencv2/core.hpp>
@@ -21,11 +22,13 @@
 #include "build_id.hpp"
 #include "config_check.hpp"
 #include "control.hpp"
+#include "dds/reach.hpp"
 #include "file_limit.hpp"
 #include "journal.hpp"
 #include "message_ids.hpp"
 #include "pair_topics.hpp"
 #include "service.hpp"
+#include "signing_key.hpp"
 #include "version.hpp"
 
 namespace {
@@ -65,8 +68,8 @@ std::string file_bytes(const std::filesystem::path& file) {
   return {std::istreambuf_iterator<char>(in), {}};
 }
 
-int complain(const Error& error, int code) {
-  spdlog::error("{}", calib::escape_control(error.context));
+int complain(const Error& error, int code, std::string_view message_id = calib::message_ids::start_refused) {
+  calib::journal(3, message_id, {error.context, {.cause = std::string(calib::to_string(error.code))}});
   sd_notifyf(0, "STATUS=%s", calib::escape_control(error.context).c_str());
   return code;
 }
@@ -77,6 +80,7 @@ Result<int> block_signals() {
   sigemptyset(&signals);
   sigaddset(&signals, SIGTERM);
   sigaddset(&signals, SIGINT);
+  sigaddset(&signals, SIGHUP);
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
   const int fd = signalfd(-1, &signals, SFD_NONBLOCK | SFD_CLOEXEC);
   if (fd < 0) return calib::fail(ErrorCode::signals, "signalfd failed");
@@ -115,8 +119,35 @@ std::optional<calib::PublicKey> trusted_key(std::filesystem::path signing_key) {
   return std::nullopt;
 }
 
+/// The one that came first; 0 when none has.
+int read_signal(int signal_fd) {
+  signalfd_siginfo about{};
+  return read(signal_fd, &about, sizeof about) == sizeof about ? static_cast<int>(about.ssi_signo) : 0;
+}
+
+/// Whether the service manager was told that the configuration is being read.
+std::atomic<bool> reloading = false;
+
+void tell_reloaded() {
+  if (reloading.exchange(false)) sd_notify(0, "READY=1");
+}
+
+/// The configuration as it is now, checked as at a start.
+Result<calib::Config> read_config_again(const std::filesystem::path& file, const calib::DefaultFolders& defaults) {
+  timespec now{};
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  reloading = true;
+  sd_notifyf(0, "RELOADING=1\nMONOTONIC_USEC=%lld", now.tv_sec * 1'000'000LL + now.tv_nsec / 1000);
+  auto config = calib::load_config(file, defaults);
+  if (!config) return config;
+  if (const auto files = calib::check_files(*config); !files)
+    return calib::fail(files.error().code, file.string() + ": " + files.error().context);
+  return config;
+}
+
 Result<std::unique_ptr<calib::Service>> make_service(calib::Config config, calib::SigningKey key,
-                                                     const calib::ControlSocket& control) {
+                                                     const calib::ControlSocket& control,
+                                                     std::function<Result<calib::Config>()> read_config) {
   auto known = provenance(config);
   if (!known) return propagate(known);
   auto ledger = calib::Ledger::open(config.state_dir, config.head_dir, std::move(key), std::move(*known),
@@ -132,8 +163,9 @@ Result<std::unique_ptr<calib::Service>> make_service(calib::Config config, calib
         "CYCLONEDDS_URI is set, and calibd does not read it; the key dds of the configuration has what it needs "
         "(interface, peers, multicast)");
   if (!bus) return propagate(bus);
-  return calib::Service::make(std::move(config), std::move(*ledger), calib::make_network(std::move(*bus)),
-                              {.status_changed = [&control] { control.interrupt(); }});
+  return calib::Service::make(
+      std::move(config), std::move(*ledger), calib::make_network(std::move(*bus)),
+      {.status_changed = [&control] { control.interrupt(); }, .read_config = std::move(read_config)});
 }
 
 /// Serves the control socket and shows the status until a signal comes, while the service does its work on a thread of
@@ -162,11 +194,18 @@ int serve(calib::Service& service, calib::ControlSocket& control, int signal_fd)
   spdlog::info("calibd {} watches", calib::version);
   const auto handle = [&](calib::ClientRequest client) {
     const auto reply = [send = client.reply](const calib::ControlReply& made) { send(encode_reply(made)); };
+    const auto reply_to_reload = [reply](const calib::ControlReply& made) {
+      tell_reloaded();
+      reply(made);
+    };
     try {
-      if (auto request = calib::decode_request(client.request))
-        service.ask({std::move(*request), client.peer, reply, client.client_gone, client.file});
-      else
+      auto request = calib::decode_request(client.request);
+      if (!request)
         reply(request.error());
+      else if (std::holds_alternative<calib::ReloadRequest>(*request))
+        service.ask({std::move(*request), client.peer, reply_to_reload, client.client_gone, client.file});
+      else
+        service.ask({std::move(*request), client.peer, reply, client.client_gone, client.file});
     } catch (const std::exception& exception) {
       reply(calib::Error{ErrorCode::failed, exception.what()});
     }
@@ -174,8 +213,15 @@ int serve(calib::Service& service, calib::ControlSocket& control, int signal_fd)
   // What changes is shown at once. Once a second diagnostics are due, and a verdict may have expired.
   const auto now = [] { return std::chrono::steady_clock::now(); };
   auto due = now() + 1s;
-  while (!ended &&
-         !control.serve(std::chrono::ceil<std::chrono::milliseconds>(std::max(due - now(), 0ns)), signal_fd, handle)) {
+  const auto reload = [&] {
+    service.ask({calib::ReloadRequest{}, {.may_change = true}, [](const calib::ControlReply&) { tell_reloaded(); }});
+  };
+  while (!ended) {
+    if (control.serve(std::chrono::ceil<std::chrono::milliseconds>(std::max(due - now(), 0ns)), signal_fd, handle)) {
+      const int came = read_signal(signal_fd);
+      if (came == SIGHUP) reload();
+      if (came == SIGTERM || came == SIGINT) break;
+    }
     show();
     if (now() >= due) due = std::max(due + 1s, now());
   }
@@ -189,7 +235,7 @@ int serve(calib::Service& service, calib::ControlSocket& control, int signal_fd)
   }
   worker.join();
   show();
-  if (!result) return complain(result.error(), exit_failed);
+  if (!result) return complain(result.error(), exit_failed, calib::message_ids::store_failed);
   spdlog::info("calibd ends");
   return 0;
 }
@@ -200,7 +246,9 @@ int report_check(const std::filesystem::path& file, const calib::Config& config)
     std::fprintf(stderr, "%s: %s\n", name.c_str(), calib::escape_control(files.error().context).c_str());
     return exit_config;
   }
-  const auto slips = calib::probable_slips(config);
+  auto slips = calib::probable_slips(config);
+  if (auto obstacle = calib::obstacle_to_domain(config.dds.domain, config.dds.interface, config.dds.multicast))
+    slips.push_back(std::move(obstacle->context));
   for (const std::string& slip : slips) std::printf("%s: warning: %s\n", name.c_str(), slip.c_str());
   std::printf("%s: %s, %zu pair%s\n", name.c_str(), slips.empty() ? "good" : "valid", config.pairs.size(),
               config.pairs.size() == 1 ? "" : "s");
@@ -226,28 +274,28 @@ int main(int argc, char** argv) {
   // Under systemd the journal has the time already.
   spdlog::set_pattern(std::getenv("JOURNAL_STREAM") != nullptr ? "%v" : "%Y-%m-%dT%H:%M:%S.%e %^%l%$ %v");
 
+  const auto signal_fd = block_signals();  // before anything that takes time: none of them shall end calibd half way
+  if (!signal_fd) return complain(signal_fd.error(), exit_failed);
   const auto state = folders_from_environment("STATE_DIRECTORY");
   const calib::DefaultFolders defaults{state[0], folders_from_environment("RUNTIME_DIRECTORY")[0],
                                        folders_from_environment("CREDENTIALS_DIRECTORY")[0], state[1]};
   auto config = calib::load_config(config_file, defaults);
-  if (!config) {
+  if (!config && check_only) {
     std::fprintf(stderr, "%s\n", calib::escape_control(config.error().context).c_str());
     return exit_config;
   }
+  if (!config) return complain(config.error(), exit_config);
   if (check_only) return report_check(config_file, *config);
   if (auto enough = calib::require_open_files(); !enough) return complain(enough.error(), exit_failed);
   // One core is what a vehicle gives; and one thread more would not change any result.
   cv::setNumThreads(1);
-  const auto signal_fd = block_signals();
-  if (!signal_fd) return complain(signal_fd.error(), exit_failed);
-  auto key = calib::SigningKey::load(config->signing_key);
-  if (!key && key.error().code == ErrorCode::key_not_found)
-    key.error().context += "; make a key with `calibctl keygen --out " + config->signing_key.string() + "`";
+  auto key = calib::load_signing_key(*config);
   if (!key) return complain(key.error(), exit_config);
   if (auto made = make_directories(*config); !made) return complain(made.error(), exit_config);
   auto control = calib::ControlSocket::open(config->runtime_dir / "control.sock");
   if (!control) return complain(control.error(), exit_failed);
-  auto service = make_service(std::move(*config), std::move(*key), *control);
+  auto service = make_service(std::move(*config), std::move(*key), *control,
+                              [&] { return read_config_again(config_file, defaults); });
   if (!service) {
     // Records that do not verify are for a person to look at, as is what the configuration asks for in vain; starting
     // again would not mend them.

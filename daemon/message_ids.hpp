@@ -27,6 +27,10 @@ inline constexpr std::string_view signing_refused = "659911c4423f42cdb68a2f64ffc
 inline constexpr std::string_view key_changed = "b7ca60f3bc0145f597a520a872106089";
 inline constexpr std::string_view bus_failed = "dd3a3ce307864957942390745f8b86ec";
 inline constexpr std::string_view dds_complains = "5d2db67d9f774efb85ae440053915cd8";
+inline constexpr std::string_view extrinsic_configured = "395ae7172d8f472b88571280c09f882d";
+inline constexpr std::string_view start_refused = "0d8b31ff8534414099414d0d170c04d8";
+inline constexpr std::string_view configuration_reloaded = "3c1860a9956b4045b5cc7e80a81b9d5a";
+inline constexpr std::string_view configuration_refused = "45b4b2e5ee6947419aa12b66d3fc20c6";
 inline constexpr std::string_view snapshot_failed = "a2e1c201fcfd475ab3462404e5654036";
 
 }  // namespace calib::message_ids

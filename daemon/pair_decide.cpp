@@ -21,6 +21,22 @@ bool counted_on_arrival(ErrorCode code) {
   return is_malformed(code) || code == ErrorCode::image_size_mismatch || code == ErrorCode::out_of_memory;
 }
 
+/// What a drive brings with it, and no fault: night, a tunnel, a parked vehicle.
+bool is_of_the_scene(ErrorCode code) {
+  switch (code) {
+    case ErrorCode::dark:
+    case ErrorCode::saturated:
+    case ErrorCode::low_texture:
+    case ErrorCode::standing_still:
+    case ErrorCode::few_valid_depth:
+    case ErrorCode::low_overlap:
+    case ErrorCode::motion:
+      return true;
+    default:
+      return false;
+  }
+}
+
 std::string_view message_id(const PairState& state) {
   switch (state.verdict) {
     case Verdict::drifted:
@@ -84,6 +100,8 @@ PairDecision PairPipeline::decide(const PairState& state, Measurement measuremen
   }
   if (!speaks_of_drift(after.drift.verdict)) run.optimum.reset(), run.searched_at.reset();
   run.windows_without_evidence = 0;
+  run.without_evidence_since.reset();
+  run.absence_told = false;
   ++run.pairs;
   run.received = {now.boot_id, measurement.received};
   if (!same_scene) run.scene = measurement.thumbnail;
@@ -98,6 +116,7 @@ PairDecision PairPipeline::decide(const PairState& state, Measurement measuremen
 PairDecision PairPipeline::decide(const PairState& state, const Skip& skip, const Now& now) const {
   PairState after = state;
   after.run.windows_without_evidence += skip.windows;
+  if (!after.run.without_evidence_since) after.run.without_evidence_since = now.time.since_boot;
   after.run.last_skip = Error{skip.error.code, escape_control(skip.error.context)};
   if (!counted_on_arrival(skip.error.code)) ++after.skipped[std::string(to_string(skip.error.code))];
   return conclude(state, std::move(after), now);
@@ -121,7 +140,8 @@ PairDecision PairPipeline::conclude(const PairState& before, PairState after, co
       decision.journal.push_back(
           {5, message_ids::probation_passed,
            fmt::format("{}: the extrinsic of record {} has passed its probation: {}", settings_.pair,
-                       now.history.in_force()->sequence, in_words(*after.probation))});
+                       now.history.in_force()->sequence, in_words(*after.probation)),
+           fields(after, now.history.in_force()->sequence)});
       after.probation.reset();
       after.refusals = 0;
     }
@@ -135,7 +155,8 @@ PairDecision PairPipeline::conclude(const PairState& before, PairState after, co
   if (decision.record)
     decision.journal.push_back(
         {5, message_ids::baseline_learned,
-         fmt::format("{}: {}, record {}", settings_.pair, decision.record->reason, now.next_sequence)});
+         fmt::format("{}: {}, record {}", settings_.pair, decision.record->reason, now.next_sequence),
+         fields(*decision.state, now.next_sequence)});
   return decision;
 }
 
@@ -204,9 +225,41 @@ std::optional<CalibrationRecord> PairPipeline::baseline_due(const PairState& sta
 void PairPipeline::finish(PairDecision& decision, const PairState& before, const PairState& evidence,
                           const Now& now) const {
   PairState& after = *decision.state;
-  if (after.verdict == before.verdict) return;
+  const bool is_absent = after.verdict == Verdict::not_evaluated &&
+                         after.run.windows_without_evidence >= windows_to_stale &&
+                         !is_of_the_scene(after.run.last_skip->code);
+  if (after.verdict == before.verdict) {
+    if (is_absent) tell_absence(decision, now);
+    return;
+  }
+  after.run.absence_told = is_absent;
   after.since = now.time.wall;
-  DriftAlert& alert = decision.alert.emplace();
+  decision.alert = alert(before, after, now);
+  if (const auto estimate = misalignment(evidence)) decision.alert->misalignment = {estimate->delta, estimate->sigma()};
+  const bool cleared = after.verdict == Verdict::calibrated || after.verdict == Verdict::not_evaluated;
+  decision.journal.push_back({cleared ? 5 : 4, message_id(after),
+                              fmt::format("{}: {} (was {}): {}", settings_.pair, to_string(after.verdict),
+                                          to_string(before.verdict), after.reason),
+                              fields(after, now.history.in_force()->sequence)});
+}
+
+/// A pair that had no verdict before its sensors failed changes none: after `longest_silence` that is told, once.
+void PairPipeline::tell_absence(PairDecision& decision, const Now& now) const {
+  PairState& after = *decision.state;
+  const auto absent = now.time.since_boot - after.run.without_evidence_since.value_or(now.time.since_boot);
+  const auto limit = std::max<std::chrono::nanoseconds>(longest_silence, evidence_lifetime(settings_.sampling, {}));
+  if (after.run.absence_told || absent < limit) return;
+  after.run.absence_told = true;
+  decision.alert = alert(after, after, now);
+  decision.journal.push_back({4, message_id(after),
+                              fmt::format("{}: no evidence for {} s: {}", settings_.pair,
+                                          std::chrono::round<std::chrono::seconds>(absent).count(), after.reason),
+                              fields(after, now.history.in_force()->sequence)});
+}
+
+/// Without an estimate of how far the LiDAR has moved.
+DriftAlert PairPipeline::alert(const PairState& before, const PairState& after, const Now& now) const {
+  DriftAlert alert;
   alert.stamp = now.time.wall;
   alert.vehicle = settings_.vehicle;
   alert.pair = settings_.pair;
@@ -214,12 +267,17 @@ void PairPipeline::finish(PairDecision& decision, const PairState& before, const
   alert.previous_verdict = before.verdict;
   alert.reason = after.reason;
   alert.misalignment.sigma.setConstant(std::numeric_limits<double>::infinity());
-  if (const auto estimate = misalignment(evidence)) alert.misalignment = {estimate->delta, estimate->sigma()};
-  alert.record_sequence = now.history.in_force()->sequence;
-  const bool cleared = after.verdict == Verdict::calibrated || after.verdict == Verdict::not_evaluated;
-  decision.journal.push_back({cleared ? 5 : 4, message_id(after),
-                              fmt::format("{}: {} (was {}): {}", settings_.pair, to_string(after.verdict),
-                                          to_string(before.verdict), after.reason)});
+  alert.record_sequence = now.history.in_force() != nullptr ? now.history.in_force()->sequence : now.next_sequence;
+  return alert;
+}
+
+/// Of an event about the pair, after which it is in this state.
+JournalFields PairPipeline::fields(const PairState& after, std::uint64_t record) const {
+  return {.pair = settings_.pair,
+          .verdict = std::string(to_string(after.verdict)),
+          .record = record,
+          .reason = after.reason,
+          .cause = after.cause ? std::string(to_string(*after.cause)) : ""};
 }
 
 std::optional<Grounds> PairPipeline::grounds(const PairState& state, std::optional<std::string> not_written) const {
@@ -239,7 +297,9 @@ PairStatus PairPipeline::status(const PairState& state, const std::optional<Erro
                                 const Now& now) const {
   PairStatus status;
   status.name = settings_.pair;
-  status.grounds = grounds(state, store_failure ? store_failure->context : now.not_written);
+  status.grounds = grounds(
+      state, store_failure ? std::optional(store_failure->context + "; evidence is lost until it can be written again")
+                           : now.not_written);
   Claim said = claim(state.claimed(), status.grounds, {now.boot_id, now.time.since_boot});
   status.verdict = said.verdict;
   status.cause = said.cause;
@@ -256,6 +316,9 @@ PairStatus PairPipeline::status(const PairState& state, const std::optional<Erro
     status.detection_limit.emplace();
     for (int axis = 0; axis < 6; ++axis) (*status.detection_limit)[axis] = drift.detection_limit(axis);
   }
+  if (const double pairs = drift.pairs_to_notice(); std::isfinite(pairs))
+    status.notice = {settings_.drift.must_detect_rotation_rad,
+                     pairs * std::chrono::duration<double>(settings_.sampling.period).count()};
   status.T_camera_lidar = state.T_camera_lidar;
   return status;
 }

@@ -31,7 +31,8 @@ PairDecision PairPipeline::put_in_force(CalibrationRecord record, const PairStat
   finish(decision, before, evidence, now);
   decision.journal.push_back({5, accepted ? message_ids::recalibration_accepted : message_ids::rolled_back,
                               fmt::format("{}: {} extrinsic in force by record {}: {}", settings_.pair,
-                                          accepted ? "new" : "earlier", now.next_sequence, record.reason)});
+                                          accepted ? "new" : "earlier", now.next_sequence, record.reason),
+                              fields(*decision.state, now.next_sequence)});
   decision.answer = Answer{.decision = record.decision, .reason = record.reason, .record = now.next_sequence};
   decision.record = std::move(record);
   return decision;

@@ -1,6 +1,3 @@
-#include <algorithm>
-#include <cmath>
-
 #include "pair_pipeline.hpp"
 
 namespace calib {
@@ -31,20 +28,9 @@ std::optional<Result<Misalignment>> PairPipeline::find_optimum(const PairState& 
   return fail(ErrorCode::search_failed, std::string("the search was broken off: ") + exception.what());
 }
 
-/// By the search. By how much the depth source shifts the optimum is part of its variance: as the slopes of the
-/// baseline have it, or as much as is allowed for where there is no baseline.
 std::optional<Misalignment> PairPipeline::found_misalignment(const PairState& state) const {
   if (!state.run.optimum) return std::nullopt;
-  const DriftBaseline& baseline = state.drift.baseline;
-  const bool learned = monitor(state).learned();
-  Misalignment estimate = *state.run.optimum;
-  for (int axis = 0; axis < 6; ++axis) {
-    double bias = axis < 3 ? settings_.drift.max_bias_rotation_rad : settings_.drift.max_bias_translation_m;
-    if (learned && baseline.observable(axis)) bias = baseline.slope[axis] / baseline.sensitivity(axis, axis);
-    const double bound = axis < 3 ? settings_.bounds.rotation_rad : settings_.bounds.translation_m;
-    estimate.covariance(axis, axis) += std::pow(std::min(std::abs(bias), bound), 2);
-  }
-  return estimate;
+  return monitor(state).with_bias(*state.run.optimum, settings_.bounds);
 }
 
 /// By the search, before that by the slopes. Nothing where they only tell that the LiDAR has moved far.

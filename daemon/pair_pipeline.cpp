@@ -100,6 +100,7 @@ Result<RestoredPair> PairPipeline::restore(const Result<std::optional<PairState>
     decision.state = state;
     decision.record = new_record(Decision::initial, state, "configuration", "taken from the configuration");
     decision.record->T_camera_lidar = T_camera_lidar;
+    if (now.history.initial) tell_new_extrinsic(decision, saved && *saved ? (*saved)->verdict : state.verdict, now);
     return restored;
   }
   if (!saved && saved.error().code != ErrorCode::malformed_state) return propagate(saved);  // it may well be there
@@ -128,10 +129,30 @@ Result<RestoredPair> PairPipeline::restore(const Result<std::optional<PairState>
     restored.set_aside = {
         4, message_ids::evidence_set_aside,
         fmt::format("{}: earlier evidence is set aside: {}; the baseline is {}", settings_.pair, set_aside,
-                    state.drift.baseline.pairs > 0 ? "that of the records" : "learned anew")};
+                    state.drift.baseline.pairs > 0 ? "that of the records" : "learned anew"),
+        fields(after, in_force->sequence)};
   }
   finish(decision, state, state, now);
   return restored;
+}
+
+/// That the configuration has another extrinsic than it had: somebody has changed it, and the one that calibd had found
+/// or confirmed is not in force any more.
+void PairPipeline::tell_new_extrinsic(PairDecision& decision, Verdict before, const Now& now) const {
+  const CalibrationRecord& last = *now.history.in_force();
+  const RigidTransform change = last.T_camera_lidar.inverse() * decision.record->T_camera_lidar;
+  const std::string what = fmt::format(
+      "the configuration has another extrinsic than before: it is in force by record {}, {:.2f} degrees and {:.1f} cm "
+      "from that of record {}, and its baseline is learned anew",
+      now.next_sequence, rotation_angle_rad(change) / radians_per_degree, change.translation().norm() * 100,
+      last.sequence);
+  PairState previous = *decision.state;
+  previous.verdict = before;
+  decision.alert = alert(previous, *decision.state, now);
+  decision.alert->reason = what;
+  decision.alert->record_sequence = now.next_sequence;
+  decision.journal.push_back(
+      {4, message_ids::extrinsic_configured, settings_.pair + ": " + what, fields(*decision.state, now.next_sequence)});
 }
 
 /// Evidence, as the records alone tell it, in the place of that of `state`, whose other contents stay.

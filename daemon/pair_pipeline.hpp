@@ -12,6 +12,7 @@
 #include "clock.hpp"
 #include "config.hpp"
 #include "drift_alert.hpp"
+#include "journal.hpp"
 #include "pair_history.hpp"
 #include "pair_state.hpp"
 
@@ -87,11 +88,12 @@ struct RollBack {
   Comment comment{};
 };
 
-/// One line for the journal: syslog's priority, message id (message_ids.hpp), text.
+/// One line for the journal: syslog's priority, message id (message_ids.hpp), text and fields.
 struct JournalEntry {
   int priority;
   std::string_view message_id;
   std::string text;
+  JournalFields fields{};
 };
 
 /// What became of a request.
@@ -144,6 +146,9 @@ class PairPipeline {
  public:
   /// Windows without evidence after which the last verdict no longer counts.
   static constexpr int windows_to_stale = 2;
+  /// A pair without evidence for so long, or for two periods and a window where that is longer, is told of, whatever
+  /// its verdict was; but for reasons of the scene.
+  static constexpr std::chrono::minutes longest_silence{1};
 
   explicit PairPipeline(PairSettings settings) : settings_(std::move(settings)) {}
 
@@ -185,12 +190,15 @@ class PairPipeline {
   }
 
   [[nodiscard]] const PairSettings& settings() const { return settings_; }
+  /// Whose features are kept for a recalibration.
+  [[nodiscard]] std::size_t frames_to_keep() const { return wanted_frames(); }
 
  private:
   [[nodiscard]] DriftMonitor monitor(const PairState& state) const {
     return DriftMonitor(settings_.drift, state.drift);
   }
   void set_evidence_aside(PairState& state, const Now& now) const;
+  void tell_new_extrinsic(PairDecision& decision, Verdict before, const Now& now) const;
   [[nodiscard]] CalibrationRecord new_record(Decision decision, const PairState& state, std::string asked_by,
                                              std::string reason) const;
 
@@ -206,6 +214,9 @@ class PairPipeline {
   void conclude_verdict(PairState& after, const Now& now) const;
   [[nodiscard]] std::optional<Error> unvouched(const Now& now) const;
   [[nodiscard]] std::optional<CalibrationRecord> baseline_due(const PairState& state, const Now& now) const;
+  void tell_absence(PairDecision& decision, const Now& now) const;
+  [[nodiscard]] DriftAlert alert(const PairState& before, const PairState& after, const Now& now) const;
+  [[nodiscard]] JournalFields fields(const PairState& after, std::uint64_t record) const;
   void finish(PairDecision& decision, const PairState& before, const PairState& evidence, const Now& now) const;
   [[nodiscard]] std::optional<Grounds> grounds(const PairState& state, std::optional<std::string> not_written) const;
 

@@ -159,7 +159,8 @@ PairDecision PairPipeline::decide(const PairState& state, const Recalibrate& req
   decision.journal.push_back(
       {5, outcome == Decision::proposed ? message_ids::recalibration_proposed : message_ids::recalibration_rejected,
        fmt::format("{}: recalibration {} in record {}: {}", settings_.pair, to_string(outcome), now.next_sequence,
-                   result.reason)});
+                   result.reason),
+       fields(*decision.state, now.next_sequence)});
   return decision;
 }
 

@@ -46,6 +46,9 @@ struct PairRun {
   /// Windows in turn without evidence, and why the last of them had none.
   int windows_without_evidence = 0;
   std::optional<Error> last_skip;
+  /// Time since boot of the first of them, and whether it was told that they last.
+  std::optional<std::chrono::nanoseconds> without_evidence_since;
+  bool absence_told = false;
   /// When the last window ended (time since boot), and how long the last two cycles took, the latest first.
   std::optional<std::chrono::nanoseconds> last_window;
   std::array<std::chrono::nanoseconds, 2> cycles{};

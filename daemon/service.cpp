@@ -59,7 +59,8 @@ Result<void> Service::restore(const PairConfig& config) {
   if (config.camera.info) pair.camera_info.windows_to_wait = windows_for_camera_info;
   auto restored = pair.pipeline.restore(ledger_.state(config.name), config.T_camera_lidar, now(pair));
   if (!restored) return propagate(restored);
-  if (const auto& entry = restored->set_aside) surroundings_.log(entry->priority, entry->message_id, entry->text);
+  if (const auto& entry = restored->set_aside)
+    surroundings_.log(entry->priority, entry->message_id, {entry->text, entry->fields});
   const bool is_new = restored->decision.record.has_value();
   pair.state = std::move(restored->state);
   const bool committed = commit(pair, restored->decision);
@@ -82,6 +83,8 @@ Now Service::now(const Pair& pair) const {
 /// Writes what was decided, durably, and makes it the pair's state; or changes nothing and returns false.
 bool Service::commit(Pair& pair, PairDecision& decision) {
   const std::string& name = pair.config->name;
+  if (pair.store_failure && decision.alert)
+    decision.alert->reason += "; before that evidence was lost: " + pair.store_failure->context;
   auto written = ledger_.write(name, *decision.state, {std::move(decision.record), std::move(decision.alert)},
                                surroundings_.clock());
   if (!written) {
@@ -157,8 +160,12 @@ void Service::cannot_write(Pair& pair, Error error) {
   pair.state.run.last_window.reset();
   if (news)
     surroundings_.log(3, message_ids::store_failed,
-                      pair.config->name + ": " + pair.store_failure->context +
-                          "; nothing was changed, the pair is not evaluated, and the next window tries again");
+                      {pair.config->name + ": " + pair.store_failure->context +
+                           "; nothing was changed, the pair is not evaluated, and the next window tries again",
+                       {.pair = pair.config->name,
+                        .verdict = std::string(to_string(Verdict::not_evaluated)),
+                        .reason = pair.store_failure->context,
+                        .cause = std::string(to_string(pair.store_failure->code))}});
 }
 
 /// What a committed decision tells the world.
@@ -168,7 +175,8 @@ void Service::publish(const Pair& pair, const PairDecision& decision) {
       surroundings_.log(
           4, message_ids::bus_failed,
           pair.config->name + ": " + sent.error().context + "; the alert is kept and sent at the next start");
-  for (const JournalEntry& entry : decision.journal) surroundings_.log(entry.priority, entry.message_id, entry.text);
+  for (const JournalEntry& entry : decision.journal)
+    surroundings_.log(entry.priority, entry.message_id, {entry.text, entry.fields});
 }
 
 /// Makes a decision happen. After a failure each window writes, to see whether that works again.
@@ -225,6 +233,7 @@ Result<void> Service::run(const std::function<void()>& alive) {
                          [&] { return stopping_ || !requests_.empty(); });
       }
       answer_requests();
+      next = std::min(next, steady_clock::now() + config_.sampling.period);  // it may be shorter since a reload
       save_evidence_when_due();
       alive_();
     }
@@ -300,40 +309,6 @@ ControlReply Service::answer(const StatusRequest&, const PendingRequest&) { retu
 ControlReply Service::answer(const RecordsRequest& request, const PendingRequest&) {
   auto page = records(request.from);
   return page ? ControlReply(std::move(*page)) : ControlReply(page.error());
-}
-
-ControlReply Service::answer(const DiagnosisRequest& request, const PendingRequest&) try {
-  if (request.pair)
-    if (const auto pair = find(*request.pair); !pair) return pair.error();
-  DiagnosisReport report = diagnose_pairs(request.pair);
-  if (stopping()) return Error{ErrorCode::failed, "calibd ends"};  // in the middle of it
-  return report;
-} catch (const std::exception& exception) {
-  return Error{ErrorCode::failed, exception.what()};
-}
-
-/// Between two pairs, when nothing else uses the depth sources. Of the pair of that name, or of all.
-DiagnosisReport Service::diagnose_pairs(const std::optional<std::string>& name) {
-  std::set<std::string> image_topics;
-  for (const auto& pair : pairs_) {
-    image_topics.insert(pair->topics.image);
-    if (pair->topics.right_image) image_topics.insert(*pair->topics.right_image);
-  }
-  DiagnosisReport report;
-  for (const auto& pair : pairs_) {
-    if ((name && *name != pair->config->name) || stopping()) continue;
-    diagnose_pair(
-        {.dds = config_.dds,
-         .sampling = config_.sampling,
-         .pair = *pair->config,
-         .topics = pair->topics,
-         .T_camera_lidar = pair->state.T_camera_lidar,
-         .image_topics_in_use = image_topics,
-         .picture_folder = config_.state_dir / "doctor",
-         .verdict = std::string(to_string(status_of(*pair).verdict))},
-        *network_, *pair->depth, [this] { return keep_going(); }, report);
-  }
-  return report;
 }
 
 }  // namespace calib

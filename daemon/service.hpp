@@ -26,11 +26,15 @@ namespace calib {
 struct Surroundings {
   Clock clock = system_clock;
   /// May be called from any thread.
-  std::function<void(int priority, std::string_view message_id, std::string_view text)> log = journal;
+  std::function<void(int priority, std::string_view message_id, const JournalText& what)> log = journal;
   /// In the place of the depth that the configuration asks for.
   DepthSource::Make make_depth{};
   /// Called by the thread that runs whenever there is something new to show.
   std::function<void()> status_changed = [] {};
+  /// Reads the configuration again, checked as at a start.
+  std::function<Result<Config>()> read_config = [] {
+    return fail(ErrorCode::failed, "there is no configuration file");
+  };
 };
 
 /// A request that waits for its turn. `reply` may be called from any thread, once.
@@ -76,6 +80,8 @@ class Service {
                                          Comment comment = {});
   /// As `Ledger::change_key`; evidence that rests on doubted records is set aside.
   [[nodiscard]] Result<Answer> change_key(Ledger::NewKey request);
+  /// Takes over of a changed configuration what can change without losing state. One that is wrong changes nothing.
+  [[nodiscard]] Result<ConfigChanges> reload();
   /// Writes the evidence that waits, of all pairs at once. `run` does that once a minute and at its end.
   void save_evidence();
   /// For how long it waits at most.
@@ -147,7 +153,7 @@ class Service {
   [[nodiscard]] ControlReply answer(const StatusRequest& request, const PendingRequest& pending);
   [[nodiscard]] ControlReply answer(const RecordsRequest& request, const PendingRequest& pending);
   [[nodiscard]] ControlReply answer(const DiagnosisRequest& request, const PendingRequest& pending);
-  [[nodiscard]] DiagnosisReport diagnose_pairs(const std::optional<std::string>& name);
+  [[nodiscard]] ControlReply answer(const ReloadRequest& request, const PendingRequest& pending);
   [[nodiscard]] Result<std::size_t> find(const std::string& name) const;
 
   // service_requests.cpp
@@ -158,8 +164,13 @@ class Service {
   [[nodiscard]] ControlReply change(const std::string& name, const Peer& peer, bool dry_run,
                                     const std::function<Result<Answer>(std::size_t pair, std::string asked_by)>& make);
 
+  // service_diagnosis.cpp
+  [[nodiscard]] DiagnosisReport diagnose_pairs(const std::optional<std::string>& name);
+  [[nodiscard]] std::optional<Finding> fault_of_network(const Pair& pair, std::chrono::nanoseconds since) const;
+
   // service_sampling.cpp
   [[nodiscard]] std::variant<Measurement, Skip> measure(Pair& pair);
+  [[nodiscard]] Error explained(const Pair& pair, Error error, std::chrono::nanoseconds window_began) const;
   [[nodiscard]] std::optional<Skip> prepare(Pair& pair);
   [[nodiscard]] Result<FramePair> collect(Pair& pair);
   void note(Pair& pair, const Error& remark);
@@ -197,6 +208,7 @@ class Service {
   bool stopping_ = false;
   std::deque<PendingRequest> requests_;
   Status status_;
+  std::string reload_refused_;  // why, in words; empty when the last reload was not
   std::chrono::nanoseconds status_collected_{};
   std::uint64_t collections_ = 0;
 };

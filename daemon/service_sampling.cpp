@@ -24,8 +24,9 @@ void Service::sample(std::size_t index) {
 /// more. What is thrown in a decision ends the process: the next start goes on from what was written.
 std::variant<Measurement, Skip> Service::measure(Pair& pair) try {
   if (const auto unprepared = prepare(pair)) return *unprepared;
+  const auto began = surroundings_.clock().since_boot;
   const auto samples = collect(pair);
-  if (!samples) return Skip{samples.error()};
+  if (!samples) return Skip{explained(pair, samples.error(), began)};
   const auto received = surroundings_.clock().since_boot;
   auto measurement = pair.pipeline.measure(*samples, pair.state, *pair.depth, [this] { return keep_going(); });
   if (!measurement) return Skip{measurement.error()};
@@ -38,6 +39,17 @@ std::variant<Measurement, Skip> Service::measure(Pair& pair) try {
       {ErrorCode::out_of_memory, "there was no memory for a pair; give calibd more (MemoryMax=), or smaller samples"}};
 } catch (const std::exception& exception) {
   return Skip{{ErrorCode::internal_error, std::string("a pair could not be evaluated: ") + exception.what()}};
+}
+
+/// Why nothing arrived, where what others publish tells. Not in the first window without data: whoever has just started
+/// has not heard of the others yet.
+Error Service::explained(const Pair& pair, Error error, std::chrono::nanoseconds window_began) const {
+  const bool silent = error.code == ErrorCode::sensor_silent || error.code == ErrorCode::right_image_missing ||
+                      error.code == ErrorCode::depth_missing || error.code == ErrorCode::motion_unknown;
+  if (!silent || pair.state.run.windows_without_evidence == 0) return error;
+  if (const auto fault = fault_of_network(pair, window_began))
+    error.context = fault->seen + ": " + fault->cause + "; " + fault->remedy;
+  return error;
 }
 
 /// Why the pair's source of depth is of no use, if it is. One that failed stays so, and nothing can be said of the

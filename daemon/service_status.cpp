@@ -101,6 +101,11 @@ std::optional<std::string> Service::show() {
   const Status status = this->status();
   publish_diagnostics(status);
   std::string verdicts = status.signing_refused ? "signing is refused: " + *status.signing_refused : "";
+  {
+    const std::lock_guard lock(mutex_);
+    if (!reload_refused_.empty())
+      verdicts += (verdicts.empty() ? "" : "; ") + ("the configuration was not reloaded: " + reload_refused_);
+  }
   for (const PairStatus& pair : status.pairs)
     verdicts += (verdicts.empty() ? "" : "; ") + pair.name + ": " + std::string(to_string(pair.verdict)) + " (" +
                 pair.reason + ')';

@@ -3,8 +3,11 @@
 #include <fmt/format.h>
 
 #include <cstdio>
+#include <memory>
+#include <mutex>
 
 #include "dds/names.hpp"
+#include "dds/reach.hpp"
 
 namespace calib {
 namespace {
@@ -64,6 +67,25 @@ void hear_cyclone(void* log, const dds_log_data_t* data) {
   static_cast<LogLimit*>(log)->log(syslog_priority(data->priority), {data->message, data->size});
 }
 
+constexpr int syslog_error = 3;
+
+/// From whatever thread.
+class LastLine {
+ public:
+  void set(const std::string& line) {
+    const std::lock_guard lock(mutex_);
+    line_ = line;
+  }
+  [[nodiscard]] std::string get() {
+    const std::lock_guard lock(mutex_);
+    return line_;
+  }
+
+ private:
+  std::mutex mutex_;
+  std::string line_;
+};
+
 void to_standard_error(int, const std::string& line) { std::fprintf(stderr, "%s\n", escape_control(line).c_str()); }
 
 }  // namespace
@@ -81,8 +103,13 @@ Result<Bus> Bus::open(std::uint32_t domain, std::string_view interface, std::uin
   if (!is_interface_name(interface))
     return fail(ErrorCode::bad_interface, "a network interface is named like lo, eth0 or auto");
   Bus bus;
+  const auto last_error = std::make_shared<LastLine>();
   bus.log_.reset(new LogLimit("Cyclone DDS", &std::chrono::steady_clock::now,
-                              log ? std::move(log) : LogLimit::Write(&to_standard_error)));
+                              [last_error, write = log ? std::move(log) : LogLimit::Write(&to_standard_error)](
+                                  int priority, const std::string& line) {
+                                if (priority <= syslog_error) last_error->set(line);
+                                write(priority, line);
+                              }));
   dds_set_log_sink(&hear_cyclone, bus.log_.get());
   const auto opened = [&](Result<Entity> entity, Entity& into) -> Result<void> {
     if (!entity) return propagate(entity);
@@ -95,7 +122,13 @@ Result<Bus> Bus::open(std::uint32_t domain, std::string_view interface, std::uin
   if (result) result = opened(own(dds_create_participant(domain, nullptr, nullptr), "participant"), bus.participant_);
   if (result)
     result = opened(own(dds_create_guardcondition(bus.participant_.get()), "guard condition"), bus.interrupt_);
-  if (!result) return propagate(result);
+  if (!result) {
+    // Cyclone's code says only that it failed; what the system says comes first, then Cyclone's own words.
+    if (auto obstacle = obstacle_to_domain(domain, interface, reach.multicast))
+      return tl::unexpected(std::move(*obstacle));
+    if (const std::string words = last_error->get(); !words.empty()) result.error().context += "; " + words;
+    return propagate(result);
+  }
 
   const auto write = [&](const MessageType& type, std::string_view topic, const QosProfile& profile,
                          Endpoint& into) -> Result<void> {

@@ -78,6 +78,19 @@ std::string canonical_text(const YAML::Node& node) {
   return '{' + text + '}';
 }
 
+void add_values(const YAML::Node& node, const std::string& key, std::map<std::string, std::string>& values) {
+  const bool is_list =
+      node.IsSequence() && std::ranges::any_of(node, [](const auto& item) { return !item.IsScalar(); });
+  if (node.IsMap()) {
+    for (const auto& entry : node)
+      add_values(entry.second, (key.empty() ? "" : key + ".") + entry.first.Scalar(), values);
+  } else if (is_list) {
+    for (std::size_t i = 0; i < node.size(); ++i) add_values(node[i], key + '[' + std::to_string(i) + ']', values);
+  } else {
+    values[key] = canonical_text(node);
+  }
+}
+
 bool holds_control(std::string_view text) {
   return std::ranges::any_of(text, [](char c) { return static_cast<unsigned char>(c) < ' ' || c == 0x7F; });
 }
@@ -131,6 +144,12 @@ ConfigNode ConfigNode::at(std::string_view key) const {
 }
 
 std::string ConfigNode::canonical() const { return canonical_text(node_); }
+
+std::map<std::string, std::string> ConfigNode::values() const {
+  std::map<std::string, std::string> values;
+  add_values(node_, key_, values);
+  return values;
+}
 
 std::vector<std::pair<std::string, ConfigNode>> ConfigNode::entries() const {
   if (!node_.IsMap()) refuse("needs a mapping");

@@ -102,9 +102,9 @@ double DriftMonitor::negligible(int axis) const {
          baseline.sensitivity(axis, axis) / baseline.spread(axis);
 }
 
-double DriftMonitor::reference(std::size_t chart) const {
-  return own_references[chart] + mean_sigmas / std::sqrt(state_.baseline.pairs);
-}
+double DriftMonitor::mean_error() const { return mean_sigmas / std::sqrt(state_.baseline.pairs); }
+
+double DriftMonitor::reference(std::size_t chart) const { return own_references[chart] + mean_error(); }
 
 /// Half-way between the prominence of the baseline and none, so that scenes of less prominence are not taken for a
 /// displacement.
@@ -283,7 +283,8 @@ Result<DriftVerdict> DriftMonitor::observe(const AxisEvidence& evidence) {
 std::string DriftMonitor::reason(const std::optional<Misalignment>& found) const {
   switch (verdict()) {
     case DriftVerdict::learning:
-      return fmt::format("learning the baseline: {} of {} scenes", state_.baseline.pairs, settings_.baseline_pairs);
+      return fmt::format("learning the baseline: {} of {} scenes", state_.baseline.pairs, settings_.baseline_pairs) +
+             first_look();
     case DriftVerdict::insufficient_power:
       return "insufficient detection power: " + least_detectable() + " could go unnoticed";
     case DriftVerdict::calibrated:
@@ -294,6 +295,21 @@ std::string DriftMonitor::reason(const std::optional<Misalignment>& found) const
   }
   if (!learned()) return "the extrinsic does not fit what the sensors see, from the start";
   return "the LiDAR seems to have moved" + moved_axes(found);
+}
+
+/// How far from the extrinsic the optimum may lie, by the pairs so far: what a verdict from the start is made of, while
+/// it is none.
+std::string DriftMonitor::first_look() const {
+  const DriftBaseline& seen = state_.baseline;
+  if (seen.pairs < least_start_pairs) return "";
+  double farthest = 0;
+  for (int axis = 0; axis < 3; ++axis) {
+    if (!seen.observable(axis)) return "";
+    const double error = seen.spread(axis) / std::sqrt(seen.pairs);
+    farthest = std::max(farthest, (std::abs(seen.slope[axis]) + 2 * error) / seen.sensitivity(axis, axis));
+  }
+  return fmt::format("; so far the best extrinsic is within {:.1f} degrees of it, which is no verdict",
+                     std::ceil(10 * farthest / radians_per_degree) / 10);
 }
 
 /// The rotation with the largest detection limit, in words.
@@ -327,12 +343,30 @@ double DriftMonitor::detection_limit(int axis) const {
   const DriftBaseline& baseline = state_.baseline;
   if (!learned() || !baseline.observable(axis)) return std::numeric_limits<double>::infinity();
   // The charts allow for a mean that errs to the side of the shift; it may err to the other side as well.
-  const double mean_error = mean_sigmas / std::sqrt(baseline.pairs);
   double least = std::numeric_limits<double>::infinity();
   for (std::size_t chart = 0; chart < limits_.size(); ++chart)
-    least = std::min(least, negligible(axis) + mean_error +
+    least = std::min(least, negligible(axis) + mean_error() +
                                 wander(axis, chart) * (reference(chart) + limits_[chart] / settings_.pairs_to_detect));
   return least * baseline.spread(axis) / baseline.sensitivity(axis, axis);
+}
+
+double DriftMonitor::pairs_to_notice() const {
+  const DriftBaseline& baseline = state_.baseline;
+  double slowest = 0;
+  for (int axis = 0; axis < 3; ++axis) {
+    if (!(detection_limit(axis) <= settings_.must_detect_rotation_rad)) return std::numeric_limits<double>::infinity();
+    const double shift = settings_.must_detect_rotation_rad * baseline.sensitivity(axis, axis) / baseline.spread(axis);
+    const double seen = std::min(shift - negligible(axis) - mean_error(), max_deviation);
+    double quickest = std::numeric_limits<double>::infinity();
+    for (std::size_t chart = 0; chart < limits_.size(); ++chart)
+      if (const double gain = seen / wander(axis, chart) - reference(chart); gain > 0) {
+        const double at_once = Cusum::max_update_share * limits_[chart];
+        const auto behind = static_cast<double>(chart < quick_charts ? median_pairs / 2 : 0);
+        quickest = std::min(quickest, behind + std::ceil(limits_[chart] / std::min(gain, at_once)));
+      }
+    slowest = std::max(slowest, quickest);
+  }
+  return slowest;
 }
 
 std::optional<Timestamp> DriftMonitor::onset() const {

@@ -126,4 +126,15 @@ std::optional<Misalignment> DriftMonitor::misalignment() const {
   return estimate;
 }
 
+Misalignment DriftMonitor::with_bias(Misalignment found, const SearchBounds& bounds) const {
+  const DriftBaseline& baseline = state_.baseline;
+  for (int axis = 0; axis < 6; ++axis) {
+    double bias = axis < 3 ? settings_.max_bias_rotation_rad : settings_.max_bias_translation_m;
+    if (learned() && baseline.observable(axis)) bias = baseline.slope[axis] / baseline.sensitivity(axis, axis);
+    const double bound = axis < 3 ? bounds.rotation_rad : bounds.translation_m;
+    found.covariance(axis, axis) += std::pow(std::min(std::abs(bias), bound), 2);
+  }
+  return found;
+}
+
 }  // namespace calib

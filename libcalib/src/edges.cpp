@@ -28,10 +28,11 @@ struct Bearing {
   float azimuth_rad, elevation_rad, range_m;
 };
 
-/// Bearings by cells of a grid over azimuth and elevation.
+/// Bearings by cells of a grid over azimuth and elevation, without the crowded cells: those with more points than any
+/// LiDAR measures there. Points of one cell are compared with each other, which would take hours.
 class BearingIndex {
  public:
-  explicit BearingIndex(std::span<const Bearing> bearings) : bearings_(bearings) {
+  explicit BearingIndex(std::span<const Bearing> bearings) {
     for (const Bearing& b : bearings) {
       left_ = std::min(left_, b.azimuth_rad);
       bottom_ = std::min(bottom_, b.elevation_rad);
@@ -42,53 +43,63 @@ class BearingIndex {
     }
     begin_.assign(static_cast<std::size_t>(columns_) * rows_ + 1, 0);
     extents_.resize(rows_);
+    std::vector<std::uint32_t> cells;
+    cells.reserve(bearings.size());
     for (const Bearing& b : bearings) {
-      ++begin_[cell(b) + 1];
-      extents_[row(b)].first = std::min(extents_[row(b)].first, column(b));
-      extents_[row(b)].last = std::max(extents_[row(b)].last, column(b));
+      const int u = column(b), v = row(b);
+      cells.push_back(static_cast<std::uint32_t>(v * columns_ + u));
+      ++begin_[cells.back() + 1];
+      extents_[v].first = std::min(extents_[v].first, u);
+      extents_[v].last = std::max(extents_[v].last, u);
     }
-    for (std::size_t i = 1; i < begin_.size(); ++i) begin_[i] += begin_[i - 1];
+    for (std::size_t i = 1; i < begin_.size(); ++i)
+      begin_[i] = begin_[i - 1] + (begin_[i] > most_in_cell ? 0 : begin_[i]);
     std::vector<std::uint32_t> next(begin_.begin(), begin_.end() - 1);
-    order_.resize(bearings.size());
-    for (std::size_t i = 0; i < bearings.size(); ++i) order_[next[cell(bearings[i])]++] = static_cast<std::uint32_t>(i);
+    sorted_.resize(begin_.back());
+    for (std::size_t i = 0; i < bearings.size(); ++i)
+      if (const std::uint32_t cell = cells[i]; begin_[cell] < begin_[cell + 1])
+        sorted_[next[cell]++] = {bearings[i], static_cast<std::uint32_t>(i)};
   }
+
+  struct Entry {
+    Bearing bearing;
+    std::uint32_t at;  // among the bearings that were given
+  };
+  /// Cell by cell.
+  [[nodiscard]] std::span<const Entry> entries() const { return sorted_; }
 
   struct Neighbour {
     float distance_rad = std::numeric_limits<float>::infinity(), range_m = 0;
   };
   /// The neighbour to the left (-1) or right (1) of a bearing; infinitely far where there is none within reach.
   [[nodiscard]] Neighbour neighbour(const Bearing& of, int side) const {
-    Neighbour nearest;
-    float least = std::numeric_limits<float>::infinity();
+    constexpr int step = 3;  // columns at a time
     const float shrink = std::cos(of.elevation_rad);
     const int u = column(of), v = row(of);
-    for (int k = 0; k <= static_cast<int>(sector_reach_rad / cell_rad) + 1; ++k) {
+    float least = std::numeric_limits<float>::infinity(), range_m = 0;
+    for (int k = 0; static_cast<float>(k - 1) * cell_rad < sector_reach_rad; k += step) {
       const float nearer = static_cast<float>(k - 1) * cell_rad * shrink;  // than what follows
-      if (nearest.distance_rad < nearer) break;
-      if (u + side * k < 0 || u + side * k >= columns_) break;
-      const int spread = static_cast<int>(sector_slope * static_cast<float>(k + 1)) + 1;
+      if (k > 0 && least < nearer * nearer) break;
+      const int from = std::max(0, side < 0 ? u - k - step + 1 : u + k);
+      const int to = std::min(columns_ - 1, side < 0 ? u - k : u + k + step - 1);
+      if (from > to) break;
+      const int spread = static_cast<int>(sector_slope * static_cast<float>(k + step)) + 1;
       for (int row = std::max(0, v - spread); row <= std::min(rows_ - 1, v + spread); ++row) {
-        const std::size_t at = static_cast<std::size_t>(row) * columns_ + u + side * k;
-        if (begin_[at + 1] - begin_[at] > most_in_cell) continue;
-        for (std::uint32_t i = begin_[at]; i < begin_[at + 1]; ++i) {
-          const Bearing& other = bearings_[order_[i]];
+        const std::uint32_t* begin = &begin_[static_cast<std::size_t>(row) * columns_];
+        for (std::uint32_t i = begin[from]; i < begin[to + 1]; ++i) {
+          const Bearing& other = sorted_[i].bearing;
           const float aside = static_cast<float>(side) * (other.azimuth_rad - of.azimuth_rad) * shrink;
           const float above = other.elevation_rad - of.elevation_rad;
           if (!(aside > 0) || aside > sector_reach_rad || std::abs(above) > sector_slope * aside) continue;
           const float squared = aside * aside + above * above;
-          if (squared < least || (squared == least && other.range_m < nearest.range_m)) {
+          if (squared < least || (squared == least && other.range_m < range_m)) {
             least = squared;
-            nearest = {std::sqrt(squared), other.range_m};
+            range_m = other.range_m;
           }
         }
       }
     }
-    return nearest;
-  }
-
-  /// Whether more points share the bearing's cell than any LiDAR measures there.
-  [[nodiscard]] bool is_crowded(const Bearing& of) const {
-    return begin_[cell(of) + 1] - begin_[cell(of)] > most_in_cell;
+    return {std::sqrt(least), range_m};
   }
 
   /// Whether something is measured further to the left (-1) or right (1) than `reach_rad`: else it is where the LiDAR's
@@ -104,20 +115,15 @@ class BearingIndex {
   struct Extent {
     int first = std::numeric_limits<int>::max(), last = -1;
   };
-  /// Points of one cell are compared with each other. With more of them, which only a faulty or hostile cloud has, that
-  /// would take hours.
   static constexpr std::uint32_t most_in_cell = 64;
   static constexpr float cell_rad = 0.2F * static_cast<float>(radians_per_degree);
   [[nodiscard]] int column(const Bearing& b) const { return static_cast<int>((b.azimuth_rad - left_) / cell_rad); }
   [[nodiscard]] int row(const Bearing& b) const { return static_cast<int>((b.elevation_rad - bottom_) / cell_rad); }
-  [[nodiscard]] std::size_t cell(const Bearing& b) const {
-    return static_cast<std::size_t>(row(b)) * columns_ + column(b);
-  }
 
-  std::span<const Bearing> bearings_;
   float left_ = 4, bottom_ = 4;
   int columns_ = 0, rows_ = 0;
-  std::vector<std::uint32_t> begin_, order_;
+  std::vector<std::uint32_t> begin_;
+  std::vector<Entry> sorted_;
   std::vector<Extent> extents_;  // columns of each row's points
 };
 
@@ -149,16 +155,15 @@ std::vector<float> horizontal_gradient(const std::vector<float>& cells, int widt
   std::array<float, radius + 1> gauss{};
   for (int k = 0; k <= radius; ++k) gauss[k] = std::exp(-0.5F * static_cast<float>(k * k));
   std::vector<float> smooth(cells.size()), gradient(cells.size());
-  for (int v = 0; v < height; ++v)
-    for (int u = 0; u < width; ++u) {
-      const auto above = [&](int k) { return cells[static_cast<std::size_t>(std::max(v - k, 0)) * width + u]; };
-      const auto below = [&](int k) {
-        return cells[static_cast<std::size_t>(std::min(v + k, height - 1)) * width + u];
-      };
-      float sum = gauss[0] * above(0);
-      for (int k = 1; k <= radius; ++k) sum += gauss[k] * (above(k) + below(k));
-      smooth[static_cast<std::size_t>(v) * width + u] = sum;
+  const auto row_of = [&](int v) { return &cells[static_cast<std::size_t>(std::clamp(v, 0, height - 1)) * width]; };
+  for (int v = 0; v < height; ++v) {
+    float* to = &smooth[static_cast<std::size_t>(v) * width];
+    for (int u = 0; u < width; ++u) to[u] = gauss[0] * row_of(v)[u];
+    for (int k = 1; k <= radius; ++k) {
+      const float *above = row_of(v - k), *below = row_of(v + k);
+      for (int u = 0; u < width; ++u) to[u] += gauss[k] * (above[u] + below[u]);
     }
+  }
   for (int v = 0; v < height; ++v) {
     const float* row = &smooth[static_cast<std::size_t>(v) * width];
     for (int u = 0; u < width; ++u) {
@@ -211,11 +216,8 @@ std::vector<std::size_t> range_edges(std::span<const Eigen::Vector3f> points, co
   std::vector<std::array<BearingIndex::Neighbour, 2>> neighbours;
   std::vector<float> distances;
   neighbours.reserve(points.size());
-  for (const Bearing& bearing : bearings) {
-    if (index.is_crowded(bearing)) {
-      neighbours.emplace_back();
-      continue;
-    }
+  distances.reserve(2 * points.size());
+  for (const auto& [bearing, at] : index.entries()) {
     neighbours.push_back({index.neighbour(bearing, -1), index.neighbour(bearing, 1)});
     for (const auto& neighbour : neighbours.back())
       if (std::isfinite(neighbour.distance_rad)) distances.push_back(neighbour.distance_rad);
@@ -223,18 +225,18 @@ std::vector<std::size_t> range_edges(std::span<const Eigen::Vector3f> points, co
   if (distances.empty()) return {};
   const float reach = farthest_neighbour * median(std::move(distances));
   std::vector<std::size_t> edges;
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    const Bearing& bearing = bearings[i];
-    if (index.is_crowded(bearing)) continue;
+  for (std::size_t i = 0; i < neighbours.size(); ++i) {
+    const auto& [bearing, at] = index.entries()[i];
     const float jump_m = std::max(least_jump_m, least_jump_share * bearing.range_m);
-    const auto ends = [&](int side) {
+    const auto ends = [&, &bearing = bearing](int side) {
       const BearingIndex::Neighbour& neighbour = neighbours[i][side < 0 ? 0 : 1];
       if (neighbour.distance_rad <= reach)
         return bearing.range_m < farthest_edge_m && neighbour.range_m - bearing.range_m > jump_m;
       return bearing.range_m < farthest_before_nothing_m && index.goes_on(bearing, side, reach);
     };
-    if (ends(-1) || ends(1)) edges.push_back(i);
+    if (ends(-1) || ends(1)) edges.push_back(at);
   }
+  std::ranges::sort(edges);
   return edges;
 }
 

@@ -167,7 +167,13 @@ float unit_for(float largest_m) {
   return unit_m;
 }
 
-Eigen::Vector3f in_units(const Eigen::Vector3f& point, float unit_m) { return (point / unit_m).array().round(); }
+/// Rounded, halves away from zero, without a call for each.
+Eigen::Vector3f in_units(const Eigen::Vector3f& point, float unit_m) {
+  constexpr float below_half = 0.5F - std::numeric_limits<float>::epsilon() / 4;
+  return (point / unit_m).unaryExpr([](float value) {
+    return static_cast<float>(static_cast<int>(value + std::copysign(below_half, value)));
+  });
+}
 
 void take_points(const LidarScan& scan, const RigidTransform& T_camera_lidar, const FeatureSettings& settings,
                  FeatureSet& features) {

@@ -11,7 +11,8 @@ namespace {
 /// recorded streets, over 6 to 12 frames.
 constexpr double own_rotation_rad = 0.05 * radians_per_degree, own_monocular_rad = 0.1 * radians_per_degree;
 constexpr double own_translation_m = 0.02;
-/// A mount bends more easily than it slides: a translation counts where it raises the score by so many standard errors.
+/// A mount bends more easily than it slides: a translation counts where it raises the score by so many standard errors,
+/// or is itself so many standard deviations large.
 constexpr double slides_sigmas = 3;
 
 struct Found {
@@ -53,7 +54,9 @@ Result<Misalignment> find_misalignment(Frames frames, const RigidTransform& T_ca
   if (!moved && moved.error().code != ErrorCode::search_failed) return propagate(moved);
   if (!moved) return turned->misalignment;
   const SearchResult& all = moved->result;
-  if (gain(frames, turned->result.T_camera_lidar, all.T_camera_lidar, all.objective).exceeds(slides_sigmas))
+  const Vector6 sigmas = moved->misalignment.delta.cwiseQuotient(moved->misalignment.sigma());
+  if (sigmas.tail<3>().cwiseAbs().maxCoeff() > slides_sigmas ||
+      gain(frames, turned->result.T_camera_lidar, all.T_camera_lidar, all.objective).exceeds(slides_sigmas))
     return moved->misalignment;
   Matrix6 covariance = moved->misalignment.covariance;
   covariance.diagonal() += all.delta.cwiseAbs2();

@@ -85,9 +85,10 @@ const OrtApiBase* onnx_runtime = nullptr;
 Result<void> open_onnx_runtime() {
   constexpr const char* name = "libonnxruntime.so.1";
   const auto refuse = [&](const std::string& why) {
-    return fail(ErrorCode::bad_config, std::string(name) + " cannot be used: " + why + "; install ONNX Runtime 1." +
+    return fail(ErrorCode::bad_config, "depth from a network needs the package calibd-onnx: " + std::string(name) +
+                                           " cannot be used: " + why + "; install it (ONNX Runtime 1." +
                                            std::to_string(ORT_API_VERSION) +
-                                           " or newer, or use another depth source than onnx");
+                                           " or newer), or use another depth source than onnx");
   };
   void* library = dlopen(name, RTLD_NOW | RTLD_LOCAL);
   if (library == nullptr) return refuse(dlerror());

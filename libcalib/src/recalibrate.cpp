@@ -5,10 +5,13 @@
 #include <string>
 
 #include "recalibration_gates.hpp"
+#include "search_steps.hpp"
 
 namespace calib {
 namespace {
 
+/// A smaller translation is not looked for (`DriftSettings::negligible_translation_m`), and not corrected.
+constexpr double negligible_translation_m = 0.02;
 constexpr std::array<bool, 6> rotation_axes{true, true, true, false, false, false};
 
 bool any(const std::array<bool, 6>& axes) {
@@ -65,6 +68,23 @@ Result<Found> search_observable(Frames fit, const RigidTransform& T, SearchResul
   }
 }
 
+/// Whether the pairs held back say that the LiDAR is shifted, too, and not only turned. The rotation alone that is
+/// compared with is the best by the same objective, near the one that was found by another.
+Result<bool> is_shifted(Frames fit, Frames held_back, const SearchResult& rotated, const SearchResult& moved,
+                        const RecalibrationSettings& how, int& evaluations) {
+  if (moved.delta.tail<3>().norm() < negligible_translation_m) return false;
+  SearchSteps steps(fit, rotated.T_camera_lidar, {.bounds = how.bounds, .keep_going = how.keep_going});
+  const auto turned = [&](const Eigen::VectorXd& x) {
+    Vector6 delta = Vector6::Zero();
+    delta.head<3>() = 0.1 * radians_per_degree * x;
+    return RigidTransform(rotated.T_camera_lidar * perturbation(delta));
+  };
+  const auto best = steps.climb(3, turned, moved.objective, {.batches = 2});
+  if (!best) return propagate(best);
+  evaluations += steps.evaluations();
+  return gain(held_back, *best, moved.T_camera_lidar, moved.objective).exceeds(how.min_gain_sigmas);
+}
+
 void add_scores(Recalibration& result, Frames fit, Frames held_back, const RigidTransform& T_before,
                 const Objective& objective) {
   result.score_before = mean_score(fit, T_before, objective).value;
@@ -112,17 +132,17 @@ Result<Recalibration> recalibrate(Frames fit, Frames held_back, const RigidTrans
 
   Recalibration result;
   result.evaluations = rotated->evaluations + (settings.monocular_depth ? 0 : moved->evaluations);
-  const bool translated =
-      gain(held_back, rotated->T_camera_lidar, moved->T_camera_lidar, objective).exceeds(settings.min_gain_sigmas);
+  const auto shifted = is_shifted(fit, held_back, *rotated, *moved, settings, result.evaluations);
+  if (!shifted) return propagate(shifted);
   const auto found =
-      search_observable(fit, T_camera_lidar, translated ? *moved : *rotated,
-                        translated ? everything.free_axes : rotation.free_axes, settings, result.evaluations);
+      search_observable(fit, T_camera_lidar, *shifted ? *moved : *rotated,
+                        *shifted ? everything.free_axes : rotation.free_axes, settings, result.evaluations);
   if (!found) return propagate(found);
   result.moved = found->free_axes;
   result.T_camera_lidar = found->result.T_camera_lidar;
   result.delta = found->result.delta;
   result.sigma = found->uncertainty.sigma();
-  if (!translated)
+  if (!*shifted)
     result.sigma.tail<3>() = uncertainty(fit, result.T_camera_lidar, objective, everything).sigma().tail<3>();
   add_scores(result, fit, held_back, T_camera_lidar, objective);
 

@@ -101,6 +101,7 @@ json pair_json(const PairStatus& pair) {
               {"misalignment", nullptr},
               {"axes", nullptr},
               {"detection_limit", pair.detection_limit ? detection_limit_json(*pair.detection_limit) : json()},
+              {"notice", nullptr},
               {"T_camera_lidar", transform_json(pair.T_camera_lidar)},
               {"proposed", nullptr},
               {"record", pair.record ? record_json(*pair.record) : json()},
@@ -113,6 +114,9 @@ json pair_json(const PairStatus& pair) {
     object["misalignment"] = misalignment_json(*pair.misalignment);
     object["axes"] = axes_json(pair);
   }
+  if (pair.notice)
+    object["notice"] = {{"rotation_deg", pair.notice->rotation_rad / radians_per_degree},
+                        {"driving_s", pair.notice->driving_s}};
   if (pair.proposed)
     object["proposed"] = {{"T_camera_lidar", transform_json(pair.proposed->T_camera_lidar)},
                           {"record_sequence", pair.proposed->record_sequence}};
@@ -205,6 +209,9 @@ PairStatus pair_from(const json& object) {
   // Came later: a snapshot of an earlier calibd lacks it.
   if (const auto shifts = object.find("detection_limit"); shifts != object.end() && !shifts->is_null())
     pair.detection_limit = detection_limit_from(*shifts);
+  if (const auto notice = object.find("notice"); notice != object.end() && !notice->is_null())
+    pair.notice = {notice->at("rotation_deg").get<double>() * radians_per_degree,
+                   notice->at("driving_s").get<double>()};
   pair.T_camera_lidar = json_fields::transform_from(object.at("T_camera_lidar"));
   if (const json& proposed = object.at("proposed"); !proposed.is_null())
     pair.proposed = {json_fields::transform_from(proposed.at("T_camera_lidar")),

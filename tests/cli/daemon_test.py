@@ -169,9 +169,13 @@ def test_a_killed_daemon_leaves_its_snapshot(bare, daemon, schema):
     assert bare("accept", "front").exit == NOT_FOUND
 
 
-def test_the_shipped_configuration_is_valid_without_the_environment_of_the_unit(bare, source_dir):
+def test_the_shipped_configuration_is_refused_until_it_names_a_vehicle_and_is_valid_then(bare, source_dir, tmp_path):
     bare_shell = {"PATH": "/usr/bin:/bin"}
-    assert bare("check-config", source_dir / "systemd" / "calibd.yaml", env=bare_shell).exit == DONE
+    shipped = source_dir / "systemd" / "calibd.yaml"
+    refused = bare("check-config", shipped, env=bare_shell)
+    assert refused.exit == FAILED and re.fullmatch(r".*/calibd\.yaml: these are still the example's values; .*\n", refused.err)
+    (tmp_path / "own.yaml").write_text(shipped.read_text().replace("demo-car", "van-7"))
+    assert bare("check-config", tmp_path / "own.yaml", env=bare_shell).exit == DONE
 
 
 def test_check_config_without_a_calibd_is_not_found(bare, tmp_path, configuration):
@@ -213,5 +217,8 @@ def test_onnx_runtime_is_needed_only_by_who_uses_a_network(bare, bin_dir, source
     configuration.write_text(re.sub("depth: {source: stereo.*}", network, text))
     refused = subprocess.run(calibd, capture_output=True, text=True, timeout=30, check=False)
     assert refused.returncode == 78, refused.stderr
-    assert re.search(r"libonnxruntime.so.1 cannot be used: .*; install ONNX Runtime 1\.\d+ or newer, or use another depth",
-                     refused.stderr), refused.stderr
+    said = (r"depth from a network needs the package calibd-onnx: libonnxruntime.so.1 cannot be used: .*; install it "
+            r"\(ONNX Runtime 1\.\d+ or newer\), or use another depth source")
+    assert re.search(said, refused.stderr), refused.stderr
+    checked = subprocess.run([*calibd, "--check-config"], capture_output=True, text=True, timeout=30, check=False)
+    assert checked.returncode == 78 and checked.stderr.count("\n") == 1 and re.search(said, checked.stderr), checked.stderr

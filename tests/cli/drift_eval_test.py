@@ -27,11 +27,13 @@ SCHEMA = {
                            "rate_per_1000_vehicle_weeks": NUMBER_OR_NULL}},
         "knocks": {"type": "array", "minItems": 1, "items": {
             "type": "object",
-            "required": ["axis", "magnitude", "sequences", "detected", "median_delay_pairs", "p95_delay_pairs", "estimate_error"],
+            "required": ["axis", "magnitude", "sequences", "detected", "median_delay_pairs", "p95_delay_pairs", "estimate_error",
+                         "estimate_sigma", "estimates", "estimates_within_2_sigma"],
             "properties": {"axis": {"enum": AXES}, "magnitude": {"type": "number"}, "sequences": COUNT, "detected": COUNT,
                            "median_delay_pairs": {"type": ["integer", "null"], "minimum": 1},
                            "p95_delay_pairs": {"type": ["integer", "null"], "minimum": 1},
-                           "estimate_error": NUMBER_OR_NULL}}}}}
+                           "estimate_error": NUMBER_OR_NULL, "estimate_sigma": NUMBER_OR_NULL, "estimates": COUNT,
+                           "estimates_within_2_sigma": COUNT}}}}}
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +60,7 @@ def street(drift, tmp_path_factory):
     """Knocks in simulated streets: the result, its file and the lines on standard output."""
     path = tmp_path_factory.mktemp("street") / "r.json"
     result, lines = result_of(drift, path, "--sim", "--sim-places", 3, "--frames", 12, "--knock", "0.5deg,20cm", "--seeds", 40,
-                              "--weeks", 12)
+                              "--estimates", 1, "--weeks", 12)
     return types.SimpleNamespace(result=result, path=path, lines=lines)
 
 
@@ -84,6 +86,7 @@ def test_every_knock_is_found_in_simulated_streets(street):
         assert knock["sequences"] == 40 and knock["without_baseline"] == 0
         assert knock["detected"] == 40 and knock["median_delay_pairs"] <= (8 if knock["unit"] == "deg" else 30), knock["axis"]
         assert len(knock["delays"]) == 40
+        assert knock["estimates"] == 1 and knock["estimate_error"] < 3 * knock["estimate_sigma"], knock["axis"]
         found = [delay for delay in knock["delays"] if delay is not None]
         assert knock["detected"] == len(found)
         assert all(20 <= before <= 120 for before in knock["moved_after"])
@@ -138,7 +141,7 @@ def test_the_result_is_drawn(bin_dir, street, tmp_path):
         assert min(pixels.shape) > 200 and pixels.std() > 10, line
 
 
-SMALL = ["--sim", "--sim-places", 2, "--frames", 8, "--seeds", 5, "--weeks", 2]
+SMALL = ["--sim", "--sim-places", 2, "--frames", 8, "--seeds", 5, "--weeks", 2, "--estimates", 0]
 
 
 def test_the_same_seed_gives_the_same_result_with_any_number_of_threads(drift, tmp_path):
@@ -167,7 +170,8 @@ def recording(bin_dir, tmp_path_factory):
 
 
 def test_recorded_frames_are_resampled_too(drift, recording, tmp_path):
-    result, lines = result_of(drift, tmp_path / "r.json", *recording, "--knock", "1deg", "--seeds", 10, "--weeks", 1, "--block", 4)
+    result, lines = result_of(drift, tmp_path / "r.json", *recording, "--knock", "1deg", "--seeds", 10, "--weeks", 1, "--block", 4,
+                              "--estimates", 2)
     assert lines[0].startswith("9 frames") and "4 neighbours at a time" in lines[1]
     assert result["settings"]["block"] == 4 and len(result["recording"]["frames"]) == 9
     assert [knock["detected"] for knock in result["knocks"]] == [10] * 6

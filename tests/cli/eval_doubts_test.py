@@ -51,7 +51,7 @@ def test_every_command_that_computes_takes_strict(evaluate, drive, tmp_path):
     assert evaluate("surface", *few, "--points", 3, "--axes", "roll:yaw", "--json", tmp_path / "s.json").exit == DOUBTFUL
     assert codes(json.loads((tmp_path / "s.json").read_text())["doubts"]) == ["few_frames"]
     assert evaluate("curve", *drive, "--strict", "--points", 3, "--dof", 3).exit == DONE
-    assert evaluate("drift", *few, "--knock", "1deg", "--seeds", 1, "--weeks", 0.01).exit == DOUBTFUL
+    assert evaluate("drift", *few, "--knock", "1deg", "--seeds", 1, "--weeks", 0.01, "--estimates", 0).exit == DOUBTFUL
 
 
 def test_depth_of_another_kind_is_a_doubt(evaluate, drive):

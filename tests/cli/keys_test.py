@@ -136,14 +136,15 @@ def test_a_key_that_is_not_the_records_does_not_stop_the_watching(vehicle, schem
 
 def test_a_lost_key_is_replaced_and_its_records_are_doubted(vehicle):
     assert vehicle.calibctl("rollback", "front", "--to", "1").exit == DONE
-    nothing = vehicle.calibctl("rotate-key", "--lost")
+    nothing = vehicle.calibctl("rotate-key", "--lost", "--json")
     assert nothing.exit == USAGE and "nothing is lost" in nothing.err
     vehicle.stop()
     vehicle.put_in_place("next")
     vehicle.start()
     assert "rotate-key --lost" in vehicle.status()["records"]["signing_refused"]
-    done = vehicle.calibctl("rotate-key", "--lost", "--doubt-from", "2")
-    assert done.exit == DONE and "which is lost" in done.out, done.err
+    done = vehicle.calibctl("rotate-key", "--lost", "--doubt-from", "2", "--json")
+    assert done.exit == DONE and json.loads(done.out)["answer"] == "key_changed", done.err
+    assert "which is lost" in json.loads(done.out)["reason"]
     assert vehicle.status()["records"]["signing_refused"] is None
     by_lost = vehicle.calibctl("verify")
     assert by_lost.exit == NO and f"key {vehicle.key_id('signing')} was lost" in by_lost.err

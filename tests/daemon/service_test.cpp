@@ -1,5 +1,6 @@
 #include "service.hpp"
 
+#include <algorithm>
 #include <condition_variable>
 #include <thread>
 
@@ -116,6 +117,55 @@ TEST_CASE("who may not change anything is refused, and so is one request too man
   CHECK(refusal(unknown.wait(30s)) == "not_found");
   service.stop();
   worker.join();
+}
+
+TEST_CASE("a reload keeps evidence and verdict, and what it takes over is in force; a wrong file changes nothing") {
+  PairScenario scenario;
+  REQUIRE(scenario.verdict() == Verdict::calibrated);
+  const std::string before = to_text(scenario.state());
+  const auto frames = scenario.state().run.frames.size();
+
+  CHECK(scenario.reload(fail(ErrorCode::bad_config, "c.yaml:3: wrong")).error().context ==
+        "c.yaml:3: wrong; the configuration that calibd runs with stays in force");
+  CHECK(to_text(scenario.state()) == before);
+  CHECK(scenario.journal().back().starts_with("c.yaml:3: wrong"));
+  CHECK(scenario.service().show().value().starts_with("the configuration was not reloaded: c.yaml:3: wrong; front: "));
+
+  Config file = scenario.config();
+  file.sha256 = std::string(64, 'f');
+  file.sampling.period *= 2;
+  file.pairs[0].recalibration.mode = RecalibrationMode::propose;
+  file.values = {{"sampling.period", "2"}, {"pairs[0].recalibration.mode", "propose"}};
+  const auto changes = scenario.reload(file);
+  REQUIRE(changes);
+  CHECK(changes->taken_over == std::vector<std::string>{"pairs[0].recalibration.mode", "sampling.period"});
+  CHECK(changes->need_restart.empty());
+  CHECK(to_text(scenario.state()) == before);
+  CHECK(scenario.state().run.frames.size() == frames);
+  CHECK(scenario.service().show().value().starts_with("front: calibrated"));
+  CHECK(scenario.service().pipeline(0).settings().mode == RecalibrationMode::propose);
+  CHECK(scenario.service().pipeline(0).settings().sampling.period == file.sampling.period);
+  scenario.drive(3);
+  CHECK(scenario.verdict() == Verdict::calibrated);
+  CHECK(scenario.alerts() == 0);
+  // Later records name the file that was read.
+  REQUIRE(scenario.roll_back(1));
+  CHECK(scenario.last_record().configuration_sha256 == file.sha256);
+}
+
+TEST_CASE("sensors that never send are told of once, after a minute; a night is not") {
+  PairScenario scenario({.learned = false});
+  scenario.drive(5, {.camera = false});
+  CHECK(scenario.alerts() == 0);
+  scenario.drive(20, {.camera = false});
+  CHECK(scenario.alerts(Verdict::not_evaluated) == 1);
+  CHECK(std::ranges::count_if(scenario.journal(), [](const std::string& line) {
+          return line.starts_with("front: no evidence for 60 s: sensor_silent: ");
+        }) == 1);
+
+  PairScenario by_night({.learned = false});
+  by_night.drive(20, {.samples = [](FramePair& pair) { std::ranges::fill(pair.image.pixels, std::uint8_t{0}); }});
+  CHECK(by_night.alerts() == 0);
 }
 
 TEST_CASE("what cannot be written has not happened: the state is that of before, and healed the pair goes on") {

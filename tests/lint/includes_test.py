@@ -11,7 +11,7 @@ ORDER = ("error_code result file image_header image_bits image_codec sha256 conf
 BESIDE = {"boundary": "camera_models", "camera_brown": "camera_models", "camera_equidistant": "camera_models", "camera_spheres": "camera_models", "drift_evidence": "drift", "drift_estimate": "drift", "depth_stereo": "depth", "stereo_rectification": "depth", "depth_topic": "depth", "depth_onnx": "depth", "depth_onnx_absent": "depth",
           "model_file": "depth_model", "network_image": "depth", "onnx_network": "depth",
           "joint_histogram": "mutual_information", "ranks": "features", "edges": "features", "cull": "features", "rotation_grid": "search", "search_steps": "search", "quadratic_model": "search",
-          "uncertainty": "search", "recalibration_gates": "recalibrate",
+          "uncertainty": "search", "recalibration_gates": "recalibrate", "opencv_alone": "depth", "opencv_alone_check": "depth",
           "json_fields": "record", "record_signature": "record"}
 
 FOREIGN = re.compile(r"^(dds/|cyclonedds|spdlog/|systemd/|CLI/|mosquitto)")

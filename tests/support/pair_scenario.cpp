@@ -198,10 +198,11 @@ void PairScenario::open() {
   service_ = require_ok(
       Service::make(config_, std::move(ledger), std::make_unique<Sensors>(*this),
                     {.clock = [this] { return now_; },
-                     .log = [this](int, std::string_view, std::string_view text) { journal_.emplace_back(text); },
+                     .log = [this](int, std::string_view, const JournalText& what) { journal_.push_back(what.text); },
                      .make_depth = [this](const PairConfig&) -> Result<std::unique_ptr<DepthEstimator>> {
                        return std::make_unique<StereoCamera>(world_);
-                     }}));
+                     },
+                     .read_config = [this] { return config_file_; }}));
   // Those that were sent before are sent again.
   const auto sent = std::min(before, alerts_.size() - before);
   alerts_.erase(alerts_.begin() + static_cast<std::ptrdiff_t>(before),

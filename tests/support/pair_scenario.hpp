@@ -85,6 +85,12 @@ class PairScenario {
   /// What is asked for at the control socket.
   Result<Answer> accept() { return service_->accept(0, "uid:7"); }
   Result<Answer> roll_back(std::optional<std::uint64_t> to = {}) { return service_->roll_back(0, to, "uid:7"); }
+  /// What a changed configuration file says, or why it cannot be read.
+  Result<ConfigChanges> reload(Result<Config> file) {
+    config_file_ = std::move(file);
+    return service_->reload();
+  }
+  [[nodiscard]] const Config& config() const { return config_; }
   /// Another program keeps the store to itself, or lets go of it.
   void lock_store(bool locked);
   /// Leaves a copy of the store and its key in `folder`.
@@ -126,6 +132,7 @@ class PairScenario {
 
   TemporaryFolder folder_;
   Config config_;
+  Result<Config> config_file_ = Config{};
   World world_;  // at present
   std::unique_ptr<Service> service_;
   std::unique_ptr<sqlite3, int (*)(sqlite3*)> other_program_;

@@ -269,6 +269,39 @@ TEST_CASE("the noise of the evidence decides which shift would be noticed") {
   }
 }
 
+TEST_CASE("a rotation that must be noticed takes about as many pairs as foretold, whatever its size and the noise") {
+  CHECK(std::isinf(DriftMonitor({}).pairs_to_notice()));
+  for (const double steps : {0.2, 0.3, 0.5, 1.0}) {
+    const int axis = steps < 0.25 ? 1 : 2;
+    double foretold = 0, taken = 0;
+    for (std::uint64_t seed = 0; seed < 40; ++seed) {
+      Vehicle vehicle(seed);
+      DriftMonitor monitor({.must_detect_rotation_rad = steps * StencilStep{}.rotation_rad});
+      vehicle.drive(monitor, 200);
+      foretold += monitor.pairs_to_notice();
+      vehicle.offset[axis] = seed % 2 == 0 ? steps : -steps;
+      taken += pairs_until_drifted(vehicle, monitor, 2000);
+    }
+    INFO(steps << " steps: foretold " << foretold / 40 << ", taken " << taken / 40);
+    CHECK(taken < 1.1 * foretold);
+    CHECK(taken > 0.4 * foretold);
+  }
+}
+
+TEST_CASE("while the baseline is learned, the reason says how far the best extrinsic may be") {
+  Vehicle vehicle(14);
+  vehicle.offset[2] = 0.2;
+  DriftMonitor monitor({});
+  vehicle.drive(monitor, 5);
+  CHECK(monitor.reason() == "learning the baseline: 5 of 20 scenes");
+  vehicle.drive(monitor, 10);
+  CHECK_THAT(
+      monitor.reason(),
+      Catch::Matchers::StartsWith("learning the baseline: 15 of 20 scenes; so far the best extrinsic is within 0.2") ||
+          Catch::Matchers::StartsWith(
+              "learning the baseline: 15 of 20 scenes; so far the best extrinsic is within 0.3"));
+}
+
 TEST_CASE("a shift along one axis that changes the slopes of two is attributed to that axis") {
   for (const auto& [moved, other] : {std::pair{2, 4}, std::pair{4, 2}}) {
     Vehicle vehicle(12);

@@ -61,6 +61,7 @@ TEST_CASE("a LiDAR that was knocked about any axis is found again, and the resul
   CHECK(result.sigma.minCoeff() > 0);
   CHECK(result.sigma.head<3>().maxCoeff() < (translated(result) ? 1 : 0.1) * radians_per_degree);
   CHECK((translated(result) || result.delta.tail<3>().isZero(1e-9)));
+  CHECK((!translated(result) || !motion.translation().isZero()));  // what has only been turned is not shifted
 }
 
 TEST_CASE("from its own result there is nowhere to go, and without a sign of drift nothing is accepted") {

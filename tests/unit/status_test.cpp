@@ -45,6 +45,7 @@ PairStatus random_pair(std::mt19937& random) {
     for (double& shift : *pair.detection_limit)
       if (maybe()) shift = std::numeric_limits<double>::infinity();
   }
+  if (maybe()) pair.notice = {std::abs(unit(random)), std::abs(unit(random))};
   pair.T_camera_lidar = random_transform(random);
   if (maybe()) pair.proposed = PairStatus::Proposed{random_transform(random), random()};
   if (maybe()) pair.record = PairStatus::Record{random(), random_text(random), maybe(), random_time(random)};
@@ -134,6 +135,7 @@ TEST_CASE("each axis states the motion of the LiDAR, its standard deviation, and
   json earlier = to_json(status);
   earlier["pairs"][0].erase("detection_limit");
   earlier["pairs"][0].erase("axes");
+  earlier["pairs"][0].erase("notice");
   CHECK_FALSE(require_ok(parse_status(earlier)).pairs[0].detection_limit);
 }
 
@@ -180,8 +182,9 @@ TEST_CASE("a status with anything missing or of another kind is refused") {
     if (path.find("right_image") != std::string::npos || path.find("/depth") != std::string::npos ||
         path.find("/motion") != std::string::npos || path.find("/skipped/") != std::string::npos ||
         path.find("/axes") != std::string::npos || path.find("/remarks") != std::string::npos ||
-        path.find("/detection_limit") != std::string::npos || path == "/pairs/0/evidence" ||
-        path.ends_with("/not_written") || path == "/records/missing" || path == "/records/signing_refused")
+        path.find("/detection_limit") != std::string::npos || path == "/pairs/0/notice" ||
+        path == "/pairs/0/evidence" || path.ends_with("/not_written") || path == "/records/missing" ||
+        path == "/records/signing_refused")
       continue;
     INFO(path);
     const json::json_pointer pointer(path);

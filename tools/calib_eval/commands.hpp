@@ -63,6 +63,7 @@ struct DriftOptions {
   double rate_deg_per_hour = 0;  // instead of knocks; 0: knocks
   int pairs = 0;                 // from the knock on; 0: those of two hours
   int sequences = 200;           // of each knock
+  int estimates = 8;             // of each knock's size
   double weeks = 10000;          // of vehicles whose LiDAR stays
   double driving_hours_per_week = 56;
   double false_alerts_per_1000_vehicle_weeks = 1;

@@ -42,7 +42,7 @@ int pairs_of(const RecordingOptions& recording_frames, const DriftOptions& optio
 std::vector<Plan> plans_of(const RecordingOptions& recording_frames, const DriftOptions& options) {
   std::vector<Plan> plans;
   if (const double rate = per_pair_rad(recording_frames, options); rate > 0) {
-    const double end = rate * (pairs_of(recording_frames, options) + settling_pairs);
+    const double end = rate * pairs_of(recording_frames, options);
     const int rungs = static_cast<int>(std::ceil(end / creeping_rung_rad));
     for (int axis = 0; axis < 3; ++axis)
       for (const int side : {1, -1})
@@ -95,12 +95,16 @@ struct Study {
   DriftEvidence evidence;
   std::vector<Plan> plans;
   SequenceSettings settings;
+  const RecordingFrames& read;
+  std::vector<FeatureSet> features;  // for estimates
+  std::optional<DriftMonitor> experienced;
 
   [[nodiscard]] Movement movement(std::size_t plan) const {
     return {&evidence.ladders[plan], plans[plan].at_once, plans[plan].per_pair};
   }
   [[nodiscard]] NullRun without_drift(const SequenceSettings& judged, double weeks) const;
   [[nodiscard]] MovedRuns with_drift(const SequenceSettings& judged, std::size_t plan) const;
+  [[nodiscard]] std::vector<std::optional<Estimate>> estimates(std::size_t plan) const;
   [[nodiscard]] OperatingPoint operating_point(double allowance) const;
   [[nodiscard]] Json timelines(const std::vector<MovedRuns>& moved) const;
 };
@@ -112,11 +116,19 @@ NullRun Study::without_drift(const SequenceSettings& judged, double weeks) const
 
 MovedRuns Study::with_drift(const SequenceSettings& judged, std::size_t plan) const {
   const Plan& moves = plans[plan];
-  MovedRuns moved{moves.ladder.axis, moves.magnitude, moves.unit, std::vector<MovedRun>(options.sequences)};
+  MovedRuns moved{moves.ladder.axis, moves.magnitude, moves.unit, std::vector<MovedRun>(options.sequences), {}};
   const int pairs = pairs_of(recording_frames, options);
   parallel_for(moved.runs.size(), recording_frames.threads,
                [&](std::size_t i) { moved.runs[i] = drive_with(movement(plan), evidence.still, judged, pairs, i); });
   return moved;
+}
+
+/// Of a LiDAR that has been knocked; one that creeps is in many places.
+std::vector<std::optional<Estimate>> Study::estimates(std::size_t plan) const {
+  const Plan& moves = plans[plan];
+  if (!experienced || moves.per_pair != 0) return {};
+  return estimates_of(features, read.T_camera_lidar, moves.ladder.axis, moves.at_once,
+                      recording_frames.monocular_depth(), *experienced, settings, options.estimates);
 }
 
 OperatingPoint Study::operating_point(double allowance) const {
@@ -172,7 +184,10 @@ Result<Study> study_of(const RecordingOptions& recording_options, const DriftOpt
               options,
               {},
               plans_of(recording_options, options),
-              settings_for(recording_options, options, recording_frames)};
+              settings_for(recording_options, options, recording_frames),
+              recording_frames,
+              {},
+              {}};
   std::vector<LadderPlan> ladders;
   for (const Plan& plan : study.plans) ladders.push_back(plan.ladder);
   Progress progress("evidence", places_of(ladders) * recording_frames.frames.size());
@@ -180,6 +195,12 @@ Result<Study> study_of(const RecordingOptions& recording_options, const DriftOpt
                           [&] { progress.step(); });
   if (!evidence) return propagate(evidence);
   study.evidence = *std::move(evidence);
+  study.experienced = experienced_monitor(study.evidence.still, study.settings, 0);
+  // Searches begin where the LiDAR is thought to be and end where it is.
+  auto features = recording_frames.features(
+      {.bounds = {2 * SearchBounds{}.rotation_rad, 2 * SearchBounds{}.translation_m}}, recording_options.threads);
+  if (!features) return propagate(features);
+  study.features = *std::move(features);
   return study;
 }
 
@@ -232,6 +253,7 @@ Result<Doubts> drift(const RecordingOptions& recording_options, const DriftOptio
   result["knocks"] = Json::array();
   for (std::size_t plan = 0; plan < study->plans.size(); ++plan) {
     moved.push_back(study->with_drift(study->settings, plan));
+    moved.back().estimates = study->estimates(plan);
     result["knocks"].push_back(to_json(moved.back(), true));
     std::cout << drift_line(moved.back()) << std::endl;
   }

@@ -71,15 +71,20 @@ std::optional<DetectionPower> detection_power(const std::vector<AxisEvidence>& s
 
 MovedRuns::Summary MovedRuns::summarise() const {
   Summary summary;
-  std::vector<double> delays, errors, first_errors;
+  std::vector<double> delays, errors, sigmas;
   for (const MovedRun& run : runs) {
     if (!run.learned) continue;
     ++summary.sequences;
     summary.detected += run.delay.has_value();
     summary.foretold += !run.delay && !run.detectable;
     delays.push_back(run.delay ? static_cast<double>(*run.delay) : INFINITY);
-    if (run.error) first_errors.push_back(std::abs(shown(axis, *run.error)));
-    if (run.settled_error) errors.push_back(std::abs(shown(axis, *run.settled_error)));
+  }
+  for (const auto& estimate : estimates) {
+    if (!estimate) continue;
+    ++summary.estimates;
+    summary.within_2_sigma += std::abs(estimate->error) <= 2 * estimate->sigma;
+    errors.push_back(std::abs(shown(axis, estimate->error)));
+    sigmas.push_back(shown(axis, estimate->sigma));
   }
   const auto pairs = [&](double share) -> std::optional<int> {
     const auto delay = quantile(delays, share);
@@ -89,7 +94,7 @@ MovedRuns::Summary MovedRuns::summarise() const {
   summary.median_delay = pairs(0.5);
   summary.p95_delay = pairs(0.95);
   summary.estimate_error = quantile(errors, 0.5);
-  summary.first_estimate_error = quantile(first_errors, 0.5);
+  summary.estimate_sigma = quantile(sigmas, 0.5);
   return summary;
 }
 
@@ -125,7 +130,9 @@ Json to_json(const MovedRuns& runs, bool with_delays) {
             {"median_delay_pairs", or_null(summary.median_delay)},
             {"p95_delay_pairs", or_null(summary.p95_delay)},
             {"estimate_error", or_null(summary.estimate_error)},
-            {"estimate_error_at_detection", or_null(summary.first_estimate_error)},
+            {"estimate_sigma", or_null(summary.estimate_sigma)},
+            {"estimates", summary.estimates},
+            {"estimates_within_2_sigma", summary.within_2_sigma},
             {"missed_as_foretold", summary.foretold},
             {"without_baseline", static_cast<int>(runs.runs.size()) - summary.sequences}};
   if (!with_delays) return json;
@@ -204,8 +211,8 @@ std::string to_text(const NullRun& run) {
 }
 
 std::string drift_heading() {
-  return fmt::format("{:<18}  {:>12}  {:>6}  {:>8}  {:>12}  {:>11}  {:>15}", "LiDAR moved by", "found", "missed",
-                     "foretold", "median delay", "95 %", "estimate off by");
+  return fmt::format("{:<18}  {:>12}  {:>6}  {:>8}  {:>12}  {:>11}  {:>22}", "LiDAR moved by", "found", "missed",
+                     "foretold", "median delay", "95 %", "estimate off by (told)");
 }
 
 std::string drift_line(const MovedRuns& runs) {
@@ -214,11 +221,12 @@ std::string drift_line(const MovedRuns& runs) {
       fmt::format("{:<5}  {:+.3g} {}", std::string(axis_names[runs.axis]), runs.magnitude, runs.unit);
   if (summary.sequences == 0) return fmt::format("{:<18}  no baseline is ever learned", moved);
   const int missed = summary.sequences - summary.detected;
-  return fmt::format(
-      "{:<18}  {:>12}  {:6}  {:8}  {:>12}  {:>11}  {:>15}", moved,
-      fmt::format("{} of {}", summary.detected, summary.sequences), missed, summary.foretold,
-      pairs_text(summary.median_delay), pairs_text(summary.p95_delay),
-      summary.estimate_error ? fmt::format("{:.2g} {}", *summary.estimate_error, unit_of(runs.axis)) : "-");
+  return fmt::format("{:<18}  {:>12}  {:6}  {:8}  {:>12}  {:>11}  {:>22}", moved,
+                     fmt::format("{} of {}", summary.detected, summary.sequences), missed, summary.foretold,
+                     pairs_text(summary.median_delay), pairs_text(summary.p95_delay),
+                     summary.estimate_error ? fmt::format("{:.2g} ({:.2g}) {}", *summary.estimate_error,
+                                                          *summary.estimate_sigma, unit_of(runs.axis))
+                                            : "-");
 }
 
 }  // namespace calib::eval

@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "calib_eval/drift_sequences.hpp"
+#include "calib_eval/drift_estimate.hpp"
 #include "calib_eval/report.hpp"
 
 namespace calib::eval {
@@ -24,6 +24,7 @@ struct MovedRuns {
   double magnitude = 0;  // signed, in `unit`
   std::string unit;      // deg, cm, or deg/h for a LiDAR that creeps
   std::vector<MovedRun> runs;
+  std::vector<std::optional<Estimate>> estimates;  // empty for a LiDAR that creeps
 
   struct Summary {
     int sequences = 0;  // those with a baseline
@@ -31,8 +32,9 @@ struct MovedRuns {
     int foretold = 0;  // not detected, and below the detection limit
     /// Over all sequences, those without a detection last: nothing when it falls among them.
     std::optional<int> median_delay, p95_delay;
-    /// Medians of the error's size over the detected ones, deg or cm: `settling_pairs` after "drifted", and at it.
-    std::optional<double> estimate_error, first_estimate_error;
+    /// Medians over the estimates (deg or cm): the size of the error, and the standard deviation that is told.
+    std::optional<double> estimate_error, estimate_sigma;
+    int estimates = 0, within_2_sigma = 0;
   };
   [[nodiscard]] Summary summarise() const;
 };

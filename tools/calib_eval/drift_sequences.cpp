@@ -173,23 +173,10 @@ MovedRun drive_with(const Movement& movement, const std::vector<AxisEvidence>& s
   }
   run.learned = true;
   run.detectable = journey.monitor.detection_limit(axis) <= std::abs(movement.offset(pairs));
-  const auto error = [&](int pair) -> std::optional<double> {
-    const auto estimate = journey.monitor.misalignment();
-    if (!estimate) return std::nullopt;
-    return estimate->delta[axis] - movement.offset(pair);
-  };
-  for (int pair = 1; pair <= pairs + settling_pairs; ++pair) {
+  for (int pair = 1; pair <= pairs && !run.delay; ++pair) {
     const DriftVerdict verdict = journey.drive(*movement.ladder, movement.offset(pair));
     seen(true);
-    if (!run.delay && pair > pairs) break;
-    if (!run.delay && verdict == DriftVerdict::drifted) {
-      run.delay = pair;
-      run.error = error(pair);
-    }
-    if (run.delay && pair == *run.delay + settling_pairs) {
-      run.settled_error = error(pair);
-      break;
-    }
+    if (verdict == DriftVerdict::drifted) run.delay = pair;
   }
   return run;
 }

@@ -81,14 +81,11 @@ struct Movement {
 
 /// A vehicle whose LiDAR moves after some pairs.
 struct MovedRun {
-  bool learned = false;                   // there was a baseline at all; else nothing of the rest is known
-  int pairs_before = 0;                   // the LiDAR moved
-  bool detectable = false;                // the whole movement is at or above the detection limit
-  std::optional<int> delay;               // pairs from the movement on until "drifted"; nothing: never
-  std::optional<double> error{};          // of the estimate along the axis (rad or m), at "drifted"
-  std::optional<double> settled_error{};  // and `settling_pairs` later
+  bool learned = false;      // there was a baseline at all; else nothing of the rest is known
+  int pairs_before = 0;      // the LiDAR moved
+  bool detectable = false;   // the whole movement is at or above the detection limit
+  std::optional<int> delay;  // pairs from the movement on until "drifted"; nothing: never
 };
-inline constexpr int settling_pairs = 10;
 /// A LiDAR moves between the last pair of the baseline's first learning and so many pairs later.
 inline constexpr int most_pairs_before = 100;
 

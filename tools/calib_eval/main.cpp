@@ -312,9 +312,8 @@ void CommandLine::add_landscape(const std::string& name, const std::string& what
 }
 
 void CommandLine::add_drift() {
-  CLI::App* const added =
-      subcommand("drift", "How soon a LiDAR that moves is noticed, and how often one that does not raises an alarm",
-                 [this] { return drift(recording_frames_, drift_, words_); });
+  CLI::App* const added = subcommand("drift", "Delays until drift is noticed, and the rate of false alarms",
+                                     [this] { return drift(recording_frames_, drift_, words_); });
   add_recording(*added, true);
   added->get_option("--frames")->default_str(std::to_string(usual_drift_frames));
   auto* const knocks = added->add_option("--knock", knocks_, "How far LiDARs move, such as 0.25deg,10cm")
@@ -327,6 +326,7 @@ void CommandLine::add_drift() {
   added->add_option("--seeds", drift_.sequences, "Sequences of each movement")
       ->check(whole_number(1, 100000))
       ->capture_default_str();
+  added->add_option("--estimates", drift_.estimates, "Estimates of each movement")->check(whole_number(0, 1000));
   added->add_option("--weeks", drift_.weeks, "Vehicle-weeks of LiDARs that do not move")
       ->check(number(0.01, 1e6))
       ->capture_default_str();

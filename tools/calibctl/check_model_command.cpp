@@ -21,8 +21,7 @@ Exit check_model(const std::vector<std::string>& arguments) {
   if (errno == ENOENT) ::execvp(name.c_str(), words.data());
   if (errno == ENOENT)
     return print_error({ErrorCode::not_found,
-                        "there is no calib-check-model beside calibctl or in PATH; it is "
-                        "installed with calibd"});
+                        "there is no calib-check-model beside calibctl or in PATH; it is in the package calibd-tools"});
   return print_error({ErrorCode::failed, std::string("calib-check-model cannot be run: ") + std::strerror(errno)});
 }
 

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "calib/result.hpp"
+#include "calib/wall_time.hpp"
 #include "extrinsic_formats/formats.hpp"
 
 namespace calib::ctl {
@@ -60,7 +61,7 @@ struct WaitOptions {
 Exit wait(const Paths& paths, const WaitOptions& options);
 
 /// Lists the records of one pair, or of all when `pair` is empty.
-Exit history(const Paths& paths, const std::string& pair);
+Exit history(const Paths& paths, const std::string& pair, bool as_json);
 
 struct ShowOptions {
   std::optional<std::uint64_t> sequence;  // of the last record by default
@@ -70,25 +71,41 @@ struct ShowOptions {
 Exit show(const Paths& paths, const ShowOptions& options);
 
 /// Writes every record up to the first that does not verify, as `ShowOptions::export_to` does one.
-Exit export_all(const Paths& paths, const std::filesystem::path& folder);
+Exit export_all(const Paths& paths, const std::filesystem::path& folder, bool as_json);
 
 /// Verifies `files` (exported records, in any order), or the whole chain of the store when there are none.
-Exit verify(const Paths& paths, const std::vector<std::filesystem::path>& files);
+Exit verify(const Paths& paths, const std::vector<std::filesystem::path>& files, bool as_json);
 
 // `comment` is for the record, and may be empty.
-Exit recalibrate(const Paths& paths, const std::string& pair, bool dry_run, const std::string& comment);
-Exit accept(const Paths& paths, const std::string& pair, const std::string& comment);
-Exit roll_back(const Paths& paths, const std::string& pair, std::optional<std::uint64_t> to,
-               const std::string& comment);
+Exit recalibrate(const Paths& paths, const std::string& pair, bool dry_run, const std::string& comment, bool as_json);
+Exit accept(const Paths& paths, const std::string& pair, const std::string& comment, bool as_json);
+Exit roll_back(const Paths& paths, const std::string& pair, std::optional<std::uint64_t> to, const std::string& comment,
+               bool as_json);
 
 struct KeyOptions {
   std::filesystem::path file;  // secret key
   bool lost = false;
   std::optional<std::uint64_t> doubted_from;
   std::string comment;
+  bool json = false;
 };
 /// Lets calibd sign with the key in `file` from now on; or, where the key before it is lost, with the one it has.
 Exit rotate_key(const Paths& paths, const KeyOptions& options);
+
+/// `2026-01-31T12:00:00Z`, `2026-01-31` (UTC), or so long before now: `90min`, `2h`, `7d`.
+[[nodiscard]] std::optional<WallTime> parse_since(std::string_view text);
+struct EventsOptions {
+  std::string pair;               // of all, and of none, when empty
+  std::optional<WallTime> since;  // all when not given
+  std::filesystem::path journal;  // folder of journal files in place of the system's journal
+  bool json = false;
+};
+/// Lists what happened, from the records, the alerts in the store and the journal, oldest first. Says which of them
+/// could not be read.
+Exit events(const Paths& paths, const EventsOptions& options);
+
+/// Lets calibd read its configuration again.
+Exit reload(const Paths& paths, bool as_json);
 
 struct DoctorOptions {
   std::string pair;  // all when empty
@@ -101,6 +118,7 @@ Exit doctor(const Paths& paths, const DoctorOptions& options);
 struct ExplainOptions {
   std::string code;   // all are listed when empty
   bool page = false;  // the manual page of all codes, for scdoc
+  bool json = false;
 };
 /// Says what a code means, with an example and a remedy. Needs no daemon.
 Exit explain(const ExplainOptions& options);
@@ -131,9 +149,9 @@ Exit export_extrinsic(const Paths& paths, const ExportOptions& options);
 /// The axes of a camera frame where nothing is said: those of the format, unless the frame's name holds `optical`.
 [[nodiscard]] formats::CameraAxes axes_of(const formats::FormatFacts& facts, std::string_view camera_frame);
 
-Exit check_config(const std::filesystem::path& file);
+Exit check_config(const std::filesystem::path& file, bool as_json);
 /// Runs calib-check-model with these arguments, in place of this process; returns only when it cannot.
 Exit check_model(const std::vector<std::string>& arguments);
-Exit keygen(const std::filesystem::path& file);
+Exit keygen(const std::filesystem::path& file, bool as_json);
 
 }  // namespace calib::ctl

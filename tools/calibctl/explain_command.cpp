@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cctype>
 #include <iostream>
+#include <nlohmann/json.hpp>
 #include <string_view>
 
 #include "code_pages.hpp"
@@ -30,13 +31,19 @@ std::string_view page_of(std::string_view code) {
 }
 
 /// Codes that have `part` in their name, as a help for those who remember half of it.
-std::string codes_like(std::string_view part) {
-  std::string codes;
+std::vector<std::string> codes_with(std::string_view part) {
+  std::vector<std::string> codes;
   for (std::size_t at = code_pages.find("\n["); at != std::string_view::npos; at = code_pages.find("\n[", at + 1)) {
     const std::string_view name = code_pages.substr(at + 2, code_pages.find(']', at) - at - 2);
-    if (name.find(part) != std::string_view::npos) codes += (codes.empty() ? "" : ", ") + std::string(name);
+    if (name.find(part) != std::string_view::npos) codes.emplace_back(name);
   }
   return codes;
+}
+
+std::string codes_like(std::string_view part) {
+  std::string list;
+  for (const std::string& code : codes_with(part)) list += (list.empty() ? "" : ", ") + code;
+  return list;
 }
 
 /// Escapes what scdoc takes for markup.
@@ -89,6 +96,10 @@ Exit explain(const ExplainOptions& options) {
     return Exit::done;
   }
   Text text(/*coloured=*/false);
+  if (options.code.empty() && options.json) {
+    std::cout << json_text({{"schema", 1}, {"codes", codes_with("")}}, 2);
+    return Exit::done;
+  }
   if (options.code.empty()) {
     text.wrapped("Codes", codes_like(""));
     std::cout << text.str();
@@ -99,6 +110,15 @@ Exit explain(const ExplainOptions& options) {
     const std::string like = options.code.size() < 3 ? "" : codes_like(options.code);
     return print_error({ErrorCode::not_found, "there is no code '" + options.code + "'; " +
                                                   (like.empty() ? "calibctl explain lists all" : "there is " + like)});
+  }
+  if (options.json) {
+    std::cout << json_text({{"schema", 1},
+                            {"code", options.code},
+                            {"cause", value_of(page, cause)},
+                            {"example", value_of(page, example)},
+                            {"remedy", value_of(page, remedy)}},
+                           2);
+    return Exit::done;
   }
   text.line("Code", options.code);
   text.wrapped("Cause", value_of(page, cause));

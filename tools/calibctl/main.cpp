@@ -54,12 +54,13 @@ struct CommandLine {
   WaitOptions wait;
   ShowOptions show;
   DoctorOptions doctor;
+  EventsOptions events;
   ExplainOptions explain;
   ImportOptions import_options;
   ExportOptions export_options;
   KeyOptions new_key;
   std::string pair, comment;
-  bool dry_run = false, all_records = false;
+  bool dry_run = false, all_records = false, json = false;
   std::optional<std::uint64_t> roll_back_to;
   std::vector<std::filesystem::path> files;
   std::filesystem::path config_file, key_file, export_to;
@@ -73,7 +74,9 @@ struct CommandLine {
     added->callback([this, run = std::move(run)] { command = run; });
     return added;
   }
+  void add_json(CLI::App* to) { to->add_flag("--json", json, "Print JSON as defined by calibctl.schema.json"); }
   void add_wait();
+  void add_events();
   void add_records();
   void add_requests();
   void add_doctor();
@@ -95,6 +98,7 @@ CommandLine::CommandLine() {
   ask_status->add_flag("--watch", status.watch, "Repeat every second, until interrupted");
   ask_status->add_flag("--exit-code", status.exit_code, "Exit with 4 unless every pair is calibrated");
   add_wait();
+  add_events();
   add_records();
   add_requests();
   add_doctor();
@@ -103,17 +107,20 @@ CommandLine::CommandLine() {
   auto* const meaning =
       subcommand("explain", "Say what a code means, and what to do", [this] { return ctl::explain(explain); });
   meaning->add_option("CODE", explain.code, "All are listed if not given");
+  meaning->add_flag("--json", explain.json, "Print JSON as defined by calibctl.schema.json");
   meaning->add_flag("--page", explain.page, "Print calibd-codes(7), for scdoc");
   auto* const check = subcommand("check-config", "Check a configuration and print the first error",
-                                 [this] { return check_config(config_file); });
+                                 [this] { return check_config(config_file, json); });
   check->add_option("FILE", config_file)->required();
+  add_json(check);
   // Its arguments, --help among them, are calib-check-model's.
   auto* const network =
       app.add_subcommand("check-model", "Check a depth network against its descriptor and on a frame");
   network->prefix_command()->set_help_flag();
   network->callback([this, network] { command = [network] { return check_model(network->remaining()); }; });
   auto* const make_key =
-      subcommand("keygen", "Make a signing key and its public key", [this] { return keygen(key_file); });
+      subcommand("keygen", "Make a signing key and its public key", [this] { return keygen(key_file, json); });
+  add_json(make_key);
   make_key->add_option("--out", key_file, "Secret key; the public key gets the extension .pub")->required();
 }
 
@@ -143,6 +150,25 @@ void CommandLine::add_wait() {
           "Exit with 5 after this time: 60s, 500ms, 2min, 1h")
       ->default_str("60s");
   until->add_flag("--json", wait.json, "Print JSON as defined by wait.schema.json");
+}
+
+void CommandLine::add_events() {
+  auto* const list = subcommand("events", "List what happened, from the records, the alerts and the journal",
+                                [this] { return ctl::events(paths, events); });
+  list->add_option("PAIR", events.pair, "Of all pairs, and of calibd itself, if not given");
+  list->add_option_function<std::string>(
+      "--since",
+      [this](const std::string& text) {
+        const auto time = parse_since(text);
+        if (!time)
+          throw CLI::ValidationError("--since", text +
+                                                    " is neither a time such as 2026-01-31T12:00:00Z or 2026-01-31 "
+                                                    "(UTC) nor one ago such as 90min, 2h or 7d");
+        events.since = *time;
+      },
+      "Not before this time (2026-01-31T12:00:00Z, 2026-01-31) or so long ago (90min, 2h, 7d)");
+  list->add_option("--journal", events.journal, "Folder of journal files, in place of the system's journal");
+  list->add_flag("--json", events.json, "Print JSON as defined by calibctl.schema.json");
 }
 
 void CommandLine::add_doctor() {
@@ -182,12 +208,13 @@ void CommandLine::add_formats() {
   in->add_flag("--json", import_options.json, "Print JSON");
   auto* const out = subcommand(
       "export", "Print the extrinsic in force in the format of other programs, or write all records into a folder",
-      [this] { return all_records ? export_all(paths, export_to) : export_extrinsic(paths, export_options); });
+      [this] { return all_records ? export_all(paths, export_to, json) : export_extrinsic(paths, export_options); });
   auto* const format = add_common(out, export_options);
   auto* const all = out->add_flag("--all", all_records, "All records of the store, verified")->excludes(format);
   auto* const to =
       out->add_option("--to", export_to, "Write NNNNNN.json and NNNNNN.json.minisig into this folder")->needs(all);
   all->needs(to);
+  out->add_flag("--json", json, "With --all: print JSON as defined by calibctl.schema.json")->needs(all);
   out->parse_complete_callback([format, all] {
     if (format->count() + all->count() == 0) throw CLI::RequiredError("--format or --all");
   });
@@ -202,29 +229,38 @@ void CommandLine::add_formats() {
 }
 
 void CommandLine::add_records() {
-  auto* const list = subcommand("history", "List the records, each verified", [this] { return history(paths, pair); });
+  auto* const list =
+      subcommand("history", "List the records, each verified", [this] { return history(paths, pair, json); });
   list->add_option("PAIR", pair);
+  add_json(list);
   auto* const one = subcommand("show", "Show a verified record, the last one if no number is given",
                                [this] { return ctl::show(paths, show); });
   one->add_option("SEQ", show.sequence)->check(CLI::PositiveNumber);
   one->add_flag("--json", show.json, "Print JSON as defined by record.schema.json");
   one->add_option("--export", show.export_to, "Write NNNNNN.json and NNNNNN.json.minisig into this folder");
   auto* const check = subcommand("verify", "Verify the whole chain of the store, or exported records",
-                                 [this] { return verify(paths, files); });
+                                 [this] { return verify(paths, files, json); });
   check->add_option("FILES", files);
+  add_json(check);
 }
 
 void CommandLine::add_requests() {
   auto* const again = subcommand("recalibrate", "Recalibrate a pair now, from its last good frames",
-                                 [this] { return recalibrate(paths, pair, dry_run, comment); });
+                                 [this] { return recalibrate(paths, pair, dry_run, comment, json); });
+  add_json(again);
   again->add_option("PAIR", pair)->required();
   again->add_flag("--dry-run", dry_run, "Decide, but change nothing");
   auto* const yes = subcommand("accept", "Put the proposed extrinsic of a pair in force",
-                               [this] { return accept(paths, pair, comment); });
+                               [this] { return accept(paths, pair, comment, json); });
+  add_json(yes);
   yes->add_option("PAIR", pair)->required();
   auto* const back = subcommand("rollback", "Put an earlier extrinsic of a pair in force again",
-                                [this] { return roll_back(paths, pair, roll_back_to, comment); });
+                                [this] { return roll_back(paths, pair, roll_back_to, comment, json); });
+  add_json(back);
   back->add_option("PAIR", pair)->required();
+  auto* const anew = subcommand("reload", "Let calibd read its configuration again, as far as nothing is lost by that",
+                                [this] { return reload(paths, json); });
+  anew->add_flag("--json", json, "Print JSON as defined by reload.schema.json");
   back->add_option("--to", roll_back_to, "Record of that extrinsic; the one before the present one if not given")
       ->check(CLI::PositiveNumber);
   auto* const rotate = subcommand("rotate-key", "Let another key sign the records from now on",
@@ -237,6 +273,7 @@ void CommandLine::add_requests() {
   rotate->parse_complete_callback([file, lost] {
     if (file->count() + lost->count() == 0) throw CLI::RequiredError("FILE or --lost");
   });
+  rotate->add_flag("--json", new_key.json, "Print JSON as defined by calibctl.schema.json");
   rotate->add_option("--comment", new_key.comment, "Why, for the record");
   for (CLI::App* const each : {again, yes, back}) each->add_option("--comment", comment, "Why, for the record");
 }

@@ -51,6 +51,30 @@ void history_row(Table& table, const CalibrationRecord& record) {
   if (!record.comment.text.empty()) table.detail('"' + record.comment.text + '"');
 }
 
+nlohmann::json history_json(const Chain& chain, const std::string& pair) {
+  auto records = nlohmann::json::array();
+  for (const auto& [record, bytes] : chain.verified) {
+    if (!pair.empty() && record.pair != pair) continue;
+    const Vector6 moved = perturbation_parameters(change(record));
+    const auto three = [&](int first, double unit) {
+      return nlohmann::json{moved[first] / unit, moved[first + 1] / unit, moved[first + 2] / unit};
+    };
+    records.push_back({{"sequence", record.sequence},
+                       {"decided", rfc3339(record.wall_time)},
+                       {"pair", record.pair},
+                       {"decision", to_string(record.decision)},
+                       {"change", {{"rotation_deg", three(0, radians_per_degree)}, {"translation_cm", three(3, 0.01)}}},
+                       {"asked_by", record.asked_by},
+                       {"reason", record.reason}});
+  }
+  return {{"schema", 1},
+          {"key", chain.key.id_text()},
+          {"stored", chain.stored},
+          {"verified", chain.verified.size()},
+          {"broken", chain.broken ? nlohmann::json(chain.broken->context) : nlohmann::json()},
+          {"records", std::move(records)}};
+}
+
 std::string score_words(double before, double after) {
   return decimals(before, 5) + " before, " + decimals(after, 5) + " after";
 }
@@ -134,7 +158,7 @@ Result<void> export_record(const VerifiedRecord& shown, const std::filesystem::p
   return write_new(file.string() + ".minisig", shown.bytes.signature);
 }
 
-Exit verify_files(const std::vector<std::filesystem::path>& files, const PublicKey& key) {
+Exit verify_files(const std::vector<std::filesystem::path>& files, const PublicKey& key, bool as_json) {
   auto exported = read_exported(files, key);
   if (!exported) return print_error(exported.error());
   std::vector<VerifiedRecord>& records = *exported;
@@ -153,6 +177,10 @@ Exit verify_files(const std::vector<std::filesystem::path>& files, const PublicK
           {ErrorCode::broken_chain, "records " + numbers + " are signed, but the second does not continue the first"});
     ++links;
   }
+  if (as_json) {
+    std::cout << json_text({{"schema", 1}, {"key", key.id_text()}, {"verified", records.size()}, {"links", links}}, 2);
+    return Exit::done;
+  }
   std::cout << counted(records.size(), "record") << " verified, key " << key.id_text() << "; " << counted(links, "link")
             << " between them checked" << (links + 1 < records.size() ? ", the others are not among these files" : "")
             << '\n';
@@ -161,7 +189,7 @@ Exit verify_files(const std::vector<std::filesystem::path>& files, const PublicK
 
 }  // namespace
 
-Exit history(const Paths& paths, const std::string& pair) {
+Exit history(const Paths& paths, const std::string& pair, bool as_json) {
   const auto chain = read_some(paths);
   if (!chain) return print_error(chain.error());
   Table table({"SEQ", "DECIDED (UTC)", "PAIR", "DECISION", "CHANGE", "ASKED BY"}, /*coloured=*/false);
@@ -171,7 +199,10 @@ Exit history(const Paths& paths, const std::string& pair) {
     history_row(table, item.record);
     any = true;
   }
-  if (any) std::cout << table.str();
+  if (any && as_json)
+    std::cout << json_text(history_json(*chain, pair), 2);
+  else if (any)
+    std::cout << table.str();
   if (chain->broken) {
     std::cout << std::flush;
     const Exit exit = print_error(*chain->broken);
@@ -200,23 +231,35 @@ Exit show(const Paths& paths, const ShowOptions& options) {
   return Exit::done;
 }
 
-Exit export_all(const Paths& paths, const std::filesystem::path& folder) {
+Exit export_all(const Paths& paths, const std::filesystem::path& folder, bool as_json) {
   const auto chain = read_some(paths);
   if (!chain) return print_error(chain.error());
   for (const VerifiedRecord& item : chain->verified)
     if (const auto exported = export_record(item, folder); !exported) return print_error(exported.error());
-  std::cout << counted(chain->verified.size(), "record") << " verified and exported, " << chain->keys() << '\n';
+  if (as_json)
+    std::cout << json_text({{"schema", 1},
+                            {"key", chain->key.id_text()},
+                            {"stored", chain->stored},
+                            {"exported", chain->verified.size()},
+                            {"folder", folder.string()}},
+                           2);
+  else
+    std::cout << counted(chain->verified.size(), "record") << " verified and exported, " << chain->keys() << '\n';
   return chain->broken ? print_error(*chain->broken) : Exit::done;
 }
 
-Exit verify(const Paths& paths, const std::vector<std::filesystem::path>& files) {
+Exit verify(const Paths& paths, const std::vector<std::filesystem::path>& files, bool as_json) {
   if (!files.empty()) {
     const auto key = load_public_key(paths.public_key);
-    return key ? verify_files(files, *key) : print_error(key.error());
+    return key ? verify_files(files, *key, as_json) : print_error(key.error());
   }
   const auto chain = read_some(paths);
   if (!chain) return print_error(chain.error());
   if (chain->broken) return print_error(*chain->broken);
+  if (as_json) {
+    std::cout << json_text({{"schema", 1}, {"key", chain->key.id_text()}, {"verified", chain->stored}}, 2);
+    return Exit::done;
+  }
   std::cout << counted(chain->stored, "record") << " verified, " << chain->keys() << "; chain unbroken\n";
   return Exit::done;
 }

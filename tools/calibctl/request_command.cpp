@@ -78,31 +78,38 @@ Result<void> add_comment(json& question, const std::string& comment) {
   return check_comment(comment);
 }
 
-Exit request(const Paths& paths, const std::string& pair, json question, const std::string& comment) {
+/// Whether the answer is yes: what `--json` prints is the answer itself.
+Result<bool> is_yes(const json& reply) {
+  if (!reply.contains("answer")) return fail(ErrorCode::malformed_reply, "the answer does not say what was decided");
+  return reply["answer"] != "rejected" && reply.value("would", json()) != "rejected";
+}
+
+Exit request(const Paths& paths, const std::string& pair, json question, const std::string& comment, bool as_json) {
   question["schema"] = 1;
   question["pair"] = pair;
   if (const auto added = add_comment(question, comment); !added) return print_error(added.error());
   const auto reply = ask(paths.socket, question, recalibration_timeout, show_waiting);
   clear_waiting();
   if (!reply) return print_error(reply.error());
-  const auto yes = show_answer(*reply, pair);
+  if (as_json) std::cout << json_text(*reply, 2);
+  const auto yes = as_json ? is_yes(*reply) : show_answer(*reply, pair);
   if (!yes) return print_error(yes.error());
   return *yes ? Exit::done : Exit::no;
 }
 
 }  // namespace
 
-Exit recalibrate(const Paths& paths, const std::string& pair, bool dry_run, const std::string& comment) {
-  return request(paths, pair, {{"request", "recalibrate"}, {"dry_run", dry_run}}, comment);
+Exit recalibrate(const Paths& paths, const std::string& pair, bool dry_run, const std::string& comment, bool as_json) {
+  return request(paths, pair, {{"request", "recalibrate"}, {"dry_run", dry_run}}, comment, as_json);
 }
 
-Exit accept(const Paths& paths, const std::string& pair, const std::string& comment) {
-  return request(paths, pair, {{"request", "accept"}}, comment);
+Exit accept(const Paths& paths, const std::string& pair, const std::string& comment, bool as_json) {
+  return request(paths, pair, {{"request", "accept"}}, comment, as_json);
 }
 
-Exit roll_back(const Paths& paths, const std::string& pair, std::optional<std::uint64_t> to,
-               const std::string& comment) {
-  return request(paths, pair, {{"request", "rollback"}, {"to", to ? json(*to) : json()}}, comment);
+Exit roll_back(const Paths& paths, const std::string& pair, std::optional<std::uint64_t> to, const std::string& comment,
+               bool as_json) {
+  return request(paths, pair, {{"request", "rollback"}, {"to", to ? json(*to) : json()}}, comment, as_json);
 }
 
 Exit rotate_key(const Paths& paths, const KeyOptions& options) {
@@ -124,6 +131,10 @@ Exit rotate_key(const Paths& paths, const KeyOptions& options) {
   if (key >= 0) ::close(key);
   clear_waiting();
   if (!reply) return print_error(reply.error());
+  if (options.json) {
+    std::cout << json_text(*reply, 2);
+    return Exit::done;
+  }
   try {
     std::cout << "Record " << integer_from<std::uint64_t>(reply->at("record")) << ": "
               << escape_control(reply->at("reason").get<std::string>()) << '\n';

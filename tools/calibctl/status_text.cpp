@@ -78,6 +78,9 @@ void pair_lines(Text& text, const PairStatus& pair, const RecordCheck& check, Wa
   text.line("Verdict", words_of(pair.verdict), colour_of(pair.verdict));
   text.line("Since", rfc3339(pair.since) + " (" + duration(seconds_between(pair.since, now)) + " ago)");
   text.parts("Reason", pair.reason);
+  if (pair.notice)
+    text.line("Would notice", decimals(pair.notice->rotation_rad / radians_per_degree, 2) +
+                                  " degrees about any axis after " + duration(pair.notice->driving_s) + " of driving");
   text.line(
       "Evaluated",
       counted(pair.evaluated, "pair") +

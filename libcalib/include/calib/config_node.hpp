@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <functional>
 #include <initializer_list>
+#include <map>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -55,6 +56,9 @@ class ConfigNode {
   /// What stands here, with keys sorted, whatever its comments and layout: what a digest is taken of. Of a value that
   /// was read, and so is of bounded size.
   [[nodiscard]] std::string canonical() const;
+  /// Every value below, `canonical`, by its key such as `pairs[0].drift.must_notice_deg`. A list of plain values is
+  /// one.
+  [[nodiscard]] std::map<std::string, std::string> values() const;
 
  private:
   ConfigNode(YAML::Node node, std::string key, int line);

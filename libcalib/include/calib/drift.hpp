@@ -206,9 +206,16 @@ class DriftMonitor {
   /// Outside the basin each axis is estimated separately, with a standard deviation of two stencil steps. Needs three
   /// pairs and a baseline.
   [[nodiscard]] std::optional<Misalignment> misalignment() const;
+  /// What a search has found, with the bias of the depth source in its variance: as the slopes of the baseline show it,
+  /// or as much as is allowed for where there is no baseline, and no more than the search's bounds.
+  [[nodiscard]] Misalignment with_bias(Misalignment found, const SearchBounds& bounds) const;
   /// The smallest shift along an axis (rad or m) that is detected within `pairs_to_detect`; infinite for an axis that
   /// is not observable, and without a baseline.
   [[nodiscard]] double detection_limit(int axis) const;
+  /// Pairs, each of a scene of its own, after which a rotation of `must_detect_rotation_rad` is detected, about
+  /// whichever axis it is: the expected delay. Infinite where an axis is not observable or its detection limit is
+  /// larger, and without a baseline.
+  [[nodiscard]] double pairs_to_notice() const;
   /// Stamp of the pair where the evidence of drift begins; `Timestamp::min()` for an extrinsic wrong from the start.
   [[nodiscard]] std::optional<Timestamp> onset() const;
   /// The largest sum of an axis' charts, and of those of the loss of the maximum, as a share of its limit.
@@ -224,6 +231,8 @@ class DriftMonitor {
   [[nodiscard]] double share(const Charts& charts) const;
   /// Of an axis, in standard deviations of one pair: the shift that is not tested for.
   [[nodiscard]] double negligible(int axis) const;
+  /// In standard deviations: by how much the mean of the baseline may err.
+  [[nodiscard]] double mean_error() const;
   /// In standard deviations: the reference value of a chart.
   [[nodiscard]] double reference(std::size_t chart) const;
   [[nodiscard]] double loss_reference(std::size_t chart) const;
@@ -237,6 +246,7 @@ class DriftMonitor {
   [[nodiscard]] DriftVerdict decide() const;
   [[nodiscard]] DriftVerdict decide_from_start() const;
   [[nodiscard]] std::string least_detectable() const;
+  [[nodiscard]] std::string first_look() const;
   [[nodiscard]] std::string moved_axes(const std::optional<Misalignment>& found) const;
 
   DriftSettings settings_;

@@ -49,6 +49,12 @@ struct PairStatus {
   /// Per axis the smallest shift that is detected (rad, m), infinite where the axis is not observable; none before
   /// there is a baseline.
   std::optional<Vector6> detection_limit;
+  /// The rotation (rad) that must not go unnoticed, and after how much driving (s) it is noticed about any axis; none
+  /// before there is a baseline, and where it could go unnoticed.
+  struct Notice {
+    double rotation_rad = 0, driving_s = 0;
+  };
+  std::optional<Notice> notice;
 
   RigidTransform T_camera_lidar = RigidTransform::Identity();
   /// A computed extrinsic that waits for `calibctl accept`, and its record.
