@@ -39,7 +39,7 @@ bool write_durably(const std::filesystem::path& file, std::string_view bytes) {
 
 }  // namespace
 
-Result<std::optional<ChainHead>> read_chain_head(const std::filesystem::path& folder, const SigningKey& key) {
+Result<std::optional<ChainHead>> read_chain_head(const std::filesystem::path& folder, const SigningKey* key) {
   const auto file = file_in(folder);
   const auto text = read_regular_file(file, largest_file);
   if (!text && text.error().code == ErrorCode::file_not_found) return std::optional<ChainHead>{};
@@ -49,9 +49,12 @@ Result<std::optional<ChainHead>> read_chain_head(const std::filesystem::path& fo
   if (!text) return fail(ErrorCode::malformed_head, text.error().context);
   try {
     json object = json::parse(*text);
-    const std::string mac = object.at("mac").get<std::string>();
+    const std::string mac = object.at("mac").get<std::string>(), next_mac = object.value("next_mac", "");
     object.erase("mac");
-    if (!key.is_mac(purpose, object.dump(), mac)) return refuse("was not written with this signing key");
+    object.erase("next_mac");
+    const std::string content = object.dump();
+    if (key != nullptr && !key->is_mac(purpose, content, mac) && !key->is_mac(purpose, content, next_mac))
+      return refuse("was not written with this signing key");
     ChainHead head{integer_from<std::uint64_t>(object.at("sequence")), object.at("sha256").get<std::string>(), {}};
     if (const json& missing = object.at("missing"); !missing.is_null()) head.missing = missing.get<std::string>();
     return std::optional(std::move(head));
@@ -60,9 +63,12 @@ Result<std::optional<ChainHead>> read_chain_head(const std::filesystem::path& fo
   }
 }
 
-Result<void> write_chain_head(const std::filesystem::path& folder, const ChainHead& head, const SigningKey& key) {
+Result<void> write_chain_head(const std::filesystem::path& folder, const ChainHead& head, const SigningKey& key,
+                              const SigningKey* next) {
   json object = to_json(head);
-  object["mac"] = key.mac(purpose, object.dump());
+  const std::string content = object.dump();
+  object["mac"] = key.mac(purpose, content);
+  if (next != nullptr) object["next_mac"] = next->mac(purpose, content);
   const auto file = file_in(folder);
   const std::string beside = file.string() + ".new";
   if (write_durably(beside, object.dump() + '\n') && ::rename(beside.c_str(), file.c_str()) == 0 && sync_folder(folder))

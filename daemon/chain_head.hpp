@@ -19,11 +19,12 @@ struct ChainHead {
 };
 
 /// Reads `folder`/chain-head.json; nothing when there is none. Fails with `malformed_head`, also for a file that
-/// another key has authenticated.
+/// another key has authenticated; null accepts that of any key, where the right one is lost.
 [[nodiscard]] Result<std::optional<ChainHead>> read_chain_head(const std::filesystem::path& folder,
-                                                               const SigningKey& key);
-/// Replaces it in one step, durably. Fails with `store_failed`.
+                                                               const SigningKey* key);
+/// Replaces it in one step, durably. With `next`, the file counts for that key, too: while one key replaces the other,
+/// either may be the one that reads it. Fails with `store_failed`.
 [[nodiscard]] Result<void> write_chain_head(const std::filesystem::path& folder, const ChainHead& head,
-                                            const SigningKey& key);
+                                            const SigningKey& key, const SigningKey* next = nullptr);
 
 }  // namespace calib

@@ -13,6 +13,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <fstream>
 
 namespace calib {
 namespace {
@@ -43,6 +44,14 @@ bool is_uplink(uid_t uid) {
   return user != nullptr && user->pw_uid == uid;
 }
 
+/// What pam_loginuid has noted for the session of a process.
+std::optional<uid_t> login_of(pid_t pid) {
+  constexpr uid_t unset = static_cast<uid_t>(-1);
+  std::ifstream file("/proc/" + std::to_string(pid) + "/loginuid");
+  uid_t login = unset;
+  return file >> login && login != unset ? std::optional(login) : std::nullopt;
+}
+
 Result<Peer> peer_of(int fd) {
   ucred credentials{};
   socklen_t size = sizeof credentials;
@@ -50,7 +59,29 @@ Result<Peer> peer_of(int fd) {
     return fail(ErrorCode::control_socket, system_error("SO_PEERCRED"));
   const bool may_change = credentials.uid == 0 || credentials.uid == geteuid() || credentials.gid == getegid() ||
                           is_member(credentials.uid, getegid());
-  return Peer{credentials.uid, credentials.pid, may_change, may_change || is_uplink(credentials.uid)};
+  const bool may_change_keys = credentials.uid == 0 || credentials.uid == geteuid();
+  return Peer{credentials.uid, credentials.pid, login_of(credentials.pid),
+              may_change,      may_change_keys, may_change || is_uplink(credentials.uid)};
+}
+
+/// As `read`, and takes the file that came along.
+ssize_t receive(int fd, char* buffer, std::size_t size, std::shared_ptr<const SentFile>& file) {
+  iovec part{buffer, size};
+  alignas(cmsghdr) char control[CMSG_SPACE(sizeof(int))];
+  msghdr message{};
+  message.msg_iov = &part;
+  message.msg_iovlen = 1;
+  message.msg_control = control;
+  message.msg_controllen = CMSG_LEN(sizeof(int));  // one file; the kernel closes any more, for which there is no room
+  const ssize_t count = recvmsg(fd, &message, MSG_CMSG_CLOEXEC);
+  if (count < 0) return count;
+  const cmsghdr* const rights = CMSG_FIRSTHDR(&message);
+  if (rights != nullptr && rights->cmsg_level == SOL_SOCKET && rights->cmsg_type == SCM_RIGHTS) {
+    int sent = -1;
+    std::memcpy(&sent, CMSG_DATA(rights), sizeof sent);
+    file = std::make_shared<const SentFile>(sent);
+  }
+  return count;
 }
 
 bool is_listening(const sockaddr_un& address) {
@@ -78,6 +109,10 @@ Result<nlohmann::json> parse_request(std::string_view line) {
 void ControlSocket::Replies::wake() const {
   const std::uint64_t one = 1;
   [[maybe_unused]] const ssize_t written = write(wake_fd, &one, sizeof one);
+}
+
+SentFile::~SentFile() {
+  if (fd >= 0) close(fd);
 }
 
 ControlSocket::Replies::~Replies() {
@@ -154,7 +189,7 @@ void ControlSocket::drop(std::uint64_t id) {
 bool ControlSocket::read_request(std::uint64_t id, Connection& connection,
                                  const std::function<void(ClientRequest)>& handle) {
   char buffer[4096];
-  const ssize_t count = read(connection.fd, buffer, sizeof buffer);
+  const ssize_t count = receive(connection.fd, buffer, sizeof buffer, connection.file);
   if (count < 0) return errno == EAGAIN || errno == EINTR;
   // A client may close its writing side and still read; one that closes it before its request is gone.
   if (count == 0) return connection.requested;
@@ -175,7 +210,7 @@ bool ControlSocket::read_request(std::uint64_t id, Connection& connection,
   if (!request)
     reply(refusal(to_string(request.error().code), request.error().context));
   else
-    handle({*std::move(request), connection.peer, reply, connection.gone});
+    handle({*std::move(request), connection.peer, reply, connection.gone, std::move(connection.file)});
   return true;
 }
 

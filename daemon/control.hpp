@@ -11,6 +11,7 @@
 #include <memory>
 #include <mutex>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -22,10 +23,24 @@ namespace calib {
 struct Peer {
   uid_t uid = 0;
   pid_t pid = 0;
+  /// The user that logged in, which sudo and su do not change, read from /proc when the connection was accepted; none
+  /// for a service, or where this process may not look.
+  std::optional<uid_t> login{};
   /// root, the daemon's own user, or a member of its group. Anyone who can open the socket may read.
   bool may_change = false;
+  /// root, or the daemon's own user.
+  bool may_change_keys = false;
   /// Who may change, and the user calib-uplink: the events that it has delivered leave the outbox.
   bool may_acknowledge = false;
+};
+
+/// A file that a client has sent along with its request; closed when nobody needs it any more.
+struct SentFile {
+  int fd = -1;
+  explicit SentFile(int descriptor) : fd(descriptor) {}
+  SentFile(const SentFile&) = delete;
+  SentFile& operator=(const SentFile&) = delete;
+  ~SentFile();
 };
 
 /// One request of a client. `reply` may be called from any thread, once; when the client has disconnected, it does
@@ -36,6 +51,7 @@ struct ClientRequest {
   std::function<void(nlohmann::json)> reply;
   /// Set when the client disconnects.
   std::shared_ptr<const std::atomic<bool>> client_gone = std::make_shared<const std::atomic<bool>>(false);
+  std::shared_ptr<const SentFile> file{};
 };
 
 /// The control socket (proto/control.md): one JSON line in, one JSON line out, on a UNIX stream socket. One thread runs
@@ -60,6 +76,7 @@ class ControlSocket {
     Peer peer;
     std::string received;
     std::string to_send;
+    std::shared_ptr<const SentFile> file;
     bool requested = false;
     std::shared_ptr<std::atomic<bool>> gone = std::make_shared<std::atomic<bool>>(false);
     std::chrono::steady_clock::time_point deadline;

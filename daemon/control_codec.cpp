@@ -99,6 +99,27 @@ std::string pair_of(const json& request) {
   return pair.is_string() ? pair.get<std::string>() : "";
 }
 
+/// A number, or null or nothing.
+Result<std::optional<std::uint64_t>> number_of(const json& request, const char* name, const char* what) {
+  const json value = request.value(name, json());
+  if (value.is_null()) return std::optional<std::uint64_t>{};
+  if (!value.is_number_unsigned())
+    return fail(ErrorCode::bad_request, '"' + std::string(name) + "\" is " + what + " or null");
+  return std::optional(value.get<std::uint64_t>());
+}
+
+Result<Said> said_in(const json& request) {
+  Said said;
+  auto login = number_of(request, "login", "a user's number");
+  if (!login) return propagate(login);
+  said.login = *login;
+  const json comment = request.value("comment", json());
+  if (comment.is_null()) return said;
+  if (!comment.is_string()) return fail(ErrorCode::bad_request, "\"comment\" is a text or null");
+  said.comment = comment.get<std::string>();
+  return check_comment(said.comment).map([&] { return std::move(said); });
+}
+
 }  // namespace
 
 Result<ControlRequest> decode_request(const json& request) {
@@ -113,15 +134,21 @@ Result<ControlRequest> decode_request(const json& request) {
     if (request.value("pair", json()).is_null()) return DiagnosisRequest{};
     return DiagnosisRequest{pair_of(request)};
   }
+  auto said = said_in(request);
+  if (!said) return propagate(said);
   if (what == "recalibrate")
-    return RecalibrationRequest{pair_of(request), request.value("dry_run", json(false)) == true};
+    return RecalibrationRequest{pair_of(request), request.value("dry_run", json(false)) == true, std::move(*said)};
   if (what == "reload") return ReloadRequest{};
-  if (what == "accept") return AcceptRequest{pair_of(request)};
+  if (what == "accept") return AcceptRequest{pair_of(request), std::move(*said)};
   if (what == "rollback") {
-    const json to = request.value("to", json());
-    if (!to.is_null() && !to.is_number_unsigned())
-      return fail(ErrorCode::bad_request, "\"to\" is a record's number or null");
-    return RollbackRequest{pair_of(request), to.is_null() ? std::nullopt : std::optional(to.get<std::uint64_t>())};
+    const auto to = number_of(request, "to", "a record's number");
+    if (!to) return propagate(to);
+    return RollbackRequest{pair_of(request), *to, std::move(*said)};
+  }
+  if (what == "rotate_key") {
+    const auto doubted_from = number_of(request, "doubted_from", "a record's number");
+    if (!doubted_from) return propagate(doubted_from);
+    return KeyRequest{request.value("lost", json(false)) == true, *doubted_from, std::move(*said)};
   }
   if (what == "feed") return decode_feed(request);
   if (what == "acknowledge") {
@@ -131,7 +158,8 @@ Result<ControlRequest> decode_request(const json& request) {
     return AcknowledgeRequest{through.get<std::uint64_t>(), run.get<std::string>()};
   }
   return fail(ErrorCode::bad_request,
-              "the requests are status, records, doctor, recalibrate, accept, rollback, reload, feed and acknowledge");
+              "the requests are status, records, doctor, recalibrate, accept, rollback, reload, rotate_key, feed and "
+              "acknowledge");
 }
 
 bool only_shows(const ControlRequest& request) {

@@ -28,19 +28,33 @@ struct RecordsRequest {
 struct DiagnosisRequest {
   std::optional<std::string> pair;
 };
+/// What a person says beside a request, checked, and the login as the person's program has it.
+struct Said {
+  std::string comment;
+  std::optional<std::uint64_t> login{};
+};
 struct RecalibrationRequest {
   std::string pair;
   bool dry_run = false;
+  Said said{};
 };
 /// The configuration, anew from its file.
 struct ReloadRequest {};
 struct AcceptRequest {
   std::string pair;
+  Said said{};
 };
 /// To the extrinsic of record `to`, or to the one before the present one.
 struct RollbackRequest {
   std::string pair;
   std::optional<std::uint64_t> to;
+  Said said{};
+};
+/// The next key comes as a file along with the request, unless the one before it is lost.
+struct KeyRequest {
+  bool lost = false;
+  std::optional<std::uint64_t> doubted_from{};
+  Said said{};
 };
 /// Events of the outbox with a sequence above `after`, `limit` at most. With `wait`, the reply waits for the first one.
 struct FeedRequest {
@@ -54,8 +68,9 @@ struct AcknowledgeRequest {
   std::uint64_t through = 0;
   std::string run;
 };
-using ControlRequest = std::variant<StatusRequest, RecordsRequest, DiagnosisRequest, RecalibrationRequest,
-                                    AcceptRequest, RollbackRequest, ReloadRequest, FeedRequest, AcknowledgeRequest>;
+using ControlRequest =
+    std::variant<StatusRequest, RecordsRequest, DiagnosisRequest, RecalibrationRequest, AcceptRequest, RollbackRequest,
+                 ReloadRequest, KeyRequest, FeedRequest, AcknowledgeRequest>;
 
 /// Whether a request is answered at once: it changes nothing and waits for nothing.
 [[nodiscard]] bool only_shows(const ControlRequest& request);
@@ -75,8 +90,9 @@ struct FeedPage {
 struct Acknowledged {
   std::uint64_t waiting = 0;
 };
-/// An `Error` has one of the codes `bad_request`, `not_found`, `not_ready`, `denied` and `failed`.
-using ControlReply = std::variant<Error, Status, RecordsPage, DiagnosisReport, Answer, ConfigChanges, FeedPage, Acknowledged>;
+/// An `Error` has one of the codes `bad_request`, `not_found`, `not_ready`, `denied`, `wrong_key` and `failed`.
+using ControlReply =
+    std::variant<Error, Status, RecordsPage, DiagnosisReport, Answer, ConfigChanges, FeedPage, Acknowledged>;
 
 /// A request as `parse_request` lets it pass. Fails with `bad_request`.
 [[nodiscard]] Result<ControlRequest> decode_request(const nlohmann::json& request);

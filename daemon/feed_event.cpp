@@ -43,6 +43,7 @@ std::string record_type(Decision decision) {
       return "calibd.drift.recalibrated.v1";
     case Decision::initial:
     case Decision::baseline:
+    case Decision::key_changed:
       return "calibd.record." + std::string(to_string(decision)) + ".v1";
     case Decision::proposed:
     case Decision::rejected:
@@ -109,8 +110,9 @@ FeedEvent record_event(const CalibrationRecord& record, const SignedRecord& byte
                   .data = {{"decision", to_string(record.decision)},
                            {"reason", record.reason},
                            {"asked_by", record.asked_by},
-                           {"T_camera_lidar", transform_json(record.T_camera_lidar)},
                            {"record", record_json(bytes, record.sequence)}}};
+  if (record.decision == Decision::key_changed) return event;
+  event.data["T_camera_lidar"] = transform_json(record.T_camera_lidar);
   if (record.decision != Decision::initial && record.decision != Decision::baseline)
     event.data["estimate"] =
         estimate_json(perturbation_parameters(record.T_camera_lidar_before.inverse() * record.T_camera_lidar),

@@ -30,11 +30,12 @@ Ledger::Ledger(Store store, std::filesystem::path state_dir, std::filesystem::pa
       feed_(feed) {}
 
 Result<Ledger> Ledger::open(const std::filesystem::path& state_dir, const std::filesystem::path& head_dir,
-                            SigningKey key, Provenance provenance, FeedSettings feed) {
+                            SigningKey key, Provenance provenance, FeedSettings feed,
+                            const std::optional<PublicKey>& trusted) {
   auto store = Store::open(state_dir / "calibd.db", Store::Mode::read_write);
   if (!store) return propagate(store);
   Ledger ledger(std::move(*store), state_dir, head_dir, std::move(key), std::move(provenance), feed);
-  auto history = verified_history(ledger.store_, ledger.key_.public_key());
+  auto history = ledger.read_records(trusted);
   if (!history) return propagate(history);
   for (CalibrationRecord& record : *history) {
     if (record.vehicle != ledger.provenance_.vehicle)
@@ -51,6 +52,10 @@ Result<Ledger> Ledger::open(const std::filesystem::path& state_dir, const std::f
     if (!sha256) return propagate(sha256);
     ledger.last_sha256_ = std::move(*sha256);
   }
+  ledger.doubt_records();
+  ledger.count_waiting_events();
+  // What is authenticated with the key of the chain says nothing to another key, and stays for that one.
+  if (ledger.signing_refused_) return ledger;
   if (auto compared = ledger.compare_with_head(); !compared) return propagate(compared);
   const auto restore = [](Feed& told, const Feed::Writer& writer) { return told.restore(writer); };
   if (auto restored = ledger.tell(restore, system_clock()); !restored) return propagate(restored);
@@ -66,25 +71,31 @@ Result<std::string> Ledger::sha256_of(std::uint64_t sequence) const {
   return store_.record(sequence).map([](const SignedRecord& record) { return sha256_hex(record.canonical); });
 }
 
+/// What is not there any more of a chain that had this head.
+std::optional<std::string> Ledger::missing_from(const ChainHead& remembered) const {
+  if (remembered.sequence > last_sequence_)
+    return "records " + std::to_string(last_sequence_ + 1) + " to " + std::to_string(remembered.sequence) +
+           ", which calibd had written, are missing";
+  if (remembered.sequence > 0 && sha256_of(remembered.sequence) != remembered.sha256)
+    return "record " + std::to_string(remembered.sequence) + " is another than the one that calibd had written";
+  return std::nullopt;
+}
+
 /// Notices records that were cut off, or a store that was put back. calibd goes on with what there is, and says so.
 Result<void> Ledger::compare_with_head() {
-  const auto remembered = read_chain_head(head_dir_, key_);
-  std::string missing;
+  const auto remembered = read_chain_head(head_dir_, &key_);
+  std::optional<std::string> missing;
   if (!remembered) {
     missing = "whether records are missing cannot be told: " + remembered.error().context;
   } else if (*remembered) {
     head_ = **remembered;
     const auto sha256 = sha256_of(head_.sequence);
     if (!sha256 && sha256.error().code != ErrorCode::record_not_found) return propagate(sha256);
-    if (head_.sequence > last_sequence_)
-      missing = "records " + std::to_string(last_sequence_ + 1) + " to " + std::to_string(head_.sequence) +
-                ", which calibd had written, are missing";
-    else if (head_.sequence > 0 && *sha256 != head_.sha256)
-      missing = "record " + std::to_string(head_.sequence) + " is another than the one that calibd had written";
+    missing = missing_from(head_);
   } else if (last_sequence_ > 0 && !written_by_first_version_) {
     missing = "whether records are missing cannot be told: " + head_dir_.string() + " does not say how many there were";
   }
-  if (!missing.empty()) head_.missing = missing;
+  if (missing) head_.missing = missing;
   records_missing_ = head_.missing;
   write_head();
   return {};
@@ -99,8 +110,10 @@ void Ledger::write_head() {
 }
 
 void Ledger::index(CalibrationRecord record) {
+  if (record.key_change) return;
   last_of_pair_[record.pair] = record.sequence;
   PairHistory& history = histories_[record.pair];
+  if (record.decision == Decision::initial) history.forget_unsigned();
   history.add(std::move(record));
 }
 
@@ -111,24 +124,28 @@ const PairHistory& Ledger::history(std::string_view pair) const {
 }
 
 Result<CalibrationRecord> Ledger::find(std::string_view pair, std::uint64_t sequence) const {
+  const auto not_of_pair = [&] {
+    return fail(ErrorCode::record_not_found,
+                "record " + std::to_string(sequence) + " is not of pair " + std::string(pair));
+  };
   const auto signed_record = store_.record(sequence);
   if (!signed_record) return propagate(signed_record);
+  if (periods_.empty()) return fail(ErrorCode::wrong_key, *signing_refused_);
+  const KeyPeriod& period = period_of(sequence, periods_);
+  if (period.until == sequence) return not_of_pair();  // a change of keys
   std::string previous_sha256{no_previous_sha256};
   if (sequence > 1) {
     const auto previous = store_.record(sequence - 1);
     if (!previous) return propagate(previous);
     previous_sha256 = sha256_hex(previous->canonical);
   }
-  auto record = verify_record(*signed_record, key_.public_key(), previous_sha256, sequence);
-  if (record && record->pair != pair)
-    return fail(ErrorCode::record_not_found,
-                "record " + std::to_string(sequence) + " is not of pair " + std::string(pair));
+  auto record = verify_record(*signed_record, period.key, previous_sha256, sequence);
+  if (record && record->pair != pair) return not_of_pair();
   return record;
 }
 
-/// Fills in what all records have in common, and signs. What is written is what is in force: `record` becomes, to the
-/// last bit, what it will be after a restart.
-Result<SignedRecord> Ledger::complete(CalibrationRecord& record, std::string_view pair, const Moment& now) const {
+/// Fills in what all records have in common.
+void Ledger::complete(CalibrationRecord& record, std::string_view pair, const Moment& now) const {
   record.vehicle = provenance_.vehicle;
   record.pair = pair;
   record.sequence = last_sequence_ + 1;
@@ -140,24 +157,19 @@ Result<SignedRecord> Ledger::complete(CalibrationRecord& record, std::string_vie
   record.wall_time = now.wall;
   record.boot_time = now.since_boot;
   if (head_.missing) record.reason += "; " + *head_.missing;
-  auto signed_record = sign_record(record, key_);
-  if (!signed_record) return signed_record;
-  auto as_written = parse_record(signed_record->canonical);
-  if (!as_written) return propagate(as_written);
-  record = std::move(*as_written);
-  return signed_record;
 }
 
 /// Bound to the pair and to the chain as it was: a state of another pair, of another chain, or of one that was longer
 /// is worth nothing.
-std::string Ledger::authenticated(std::string_view pair, std::uint64_t sequence, std::string_view sha256,
-                                  const PairState& state) const {
+std::string Ledger::authenticated(const SigningKey& key, std::string_view pair, std::uint64_t sequence,
+                                  std::string_view sha256, const PairState& state) {
   std::string text(pair);
   text.append("\n").append(std::to_string(sequence)).append("\n").append(sha256).append("\n") += to_text(state);
-  return key_.mac(state_purpose, text) + '\n' + text;
+  return key.mac(state_purpose, text) + '\n' + text;
 }
 
 Result<Ledger::Written> Ledger::write(std::string_view pair, const PairState& state, Entry entry, const Moment& now) {
+  if (signing_refused_) return write_unsigned(pair, std::move(entry), now);
   Written written{std::move(entry.record), std::move(entry.alert)};
   std::uint64_t sequence = last_sequence_;
   std::string sha256 = last_sha256_;
@@ -165,8 +177,13 @@ Result<Ledger::Written> Ledger::write(std::string_view pair, const PairState& st
   const Feed::Writer writer{store_, key_, provenance_.vehicle, now.wall};
   const auto done = store_.in_transaction([&]() -> Result<void> {
     if (written.record) {
-      const auto signed_record = complete(*written.record, pair, now);
+      complete(*written.record, pair, now);
+      const auto signed_record = sign_record(*written.record, key_);
       if (!signed_record) return propagate(signed_record);
+      // What is written is what is in force: the record becomes, to the last bit, what it will be after a restart.
+      auto as_written = parse_record(signed_record->canonical);
+      if (!as_written) return propagate(as_written);
+      written.record = std::move(*as_written);
       sequence = written.record->sequence;
       sha256 = sha256_hex(signed_record->canonical);
       if (auto appended = store_.append_record(sequence, pair, *signed_record); !appended) return appended;
@@ -179,7 +196,7 @@ Result<Ledger::Written> Ledger::write(std::string_view pair, const PairState& st
       if (auto kept = store_.keep_alert(alert_text(*written.alert)); !kept) return propagate(kept);
       if (auto told = feed.tell(writer, *written.alert); !told) return told;
     }
-    return store_.save_state(pair, authenticated(pair, sequence, sha256, state));
+    return store_.save_state(pair, authenticated(key_, pair, sequence, sha256, state));
   });
   if (!done) return propagate(done);
   if (written.record || written.alert) {
@@ -212,6 +229,7 @@ Result<void> Ledger::is_writable() {
 Result<void> Ledger::write_evidence(const std::map<std::string_view, const PairState*>& states) {
   // In a folder that was moved away, nobody would find it.
   if (auto writable = is_writable(); !writable) return writable;
+  if (signing_refused_) return {};  // nobody could read it
   Evidence evidence{.number = evidence_.number + 1};
   for (const auto& [pair, state] : states) {
     const auto stored = store_.state(pair);
@@ -269,6 +287,7 @@ Result<Ledger::Alerts> Ledger::latest_alerts(std::size_t limit) const {
 }
 
 Result<void> Ledger::tell(const std::function<Result<void>(Feed&, const Feed::Writer&)>& what, const Moment& now) {
+  if (signing_refused_) return fail(ErrorCode::wrong_key, *signing_refused_);
   Feed feed = feed_;
   const auto done = store_.in_transaction([&] { return what(feed, {store_, key_, provenance_.vehicle, now.wall}); });
   if (!done) return done;

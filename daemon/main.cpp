@@ -110,6 +110,15 @@ Result<calib::Provenance> provenance(const calib::Config& config) {
   return calib::Provenance{config.vehicle, config.sha256, calib::version, calib::sha256_hex(*software), boot_id};
 }
 
+/// The public key that lies beside the secret one, or where calibctl looks for it: records that the secret key has not
+/// signed may verify with it.
+std::optional<calib::PublicKey> trusted_key(std::filesystem::path signing_key) {
+  for (const std::filesystem::path& file :
+       {signing_key.replace_extension(".pub"), std::filesystem::path("/etc/calibd/signing.pub")})
+    if (auto key = calib::load_public_key(file)) return *key;
+  return std::nullopt;
+}
+
 /// The one that came first; 0 when none has.
 int read_signal(int signal_fd) {
   signalfd_siginfo about{};
@@ -141,7 +150,8 @@ Result<std::unique_ptr<calib::Service>> make_service(calib::Config config, calib
                                                      std::function<Result<calib::Config>()> read_config) {
   auto known = provenance(config);
   if (!known) return propagate(known);
-  auto ledger = calib::Ledger::open(config.state_dir, config.head_dir, std::move(key), std::move(*known), config.feed);
+  auto ledger = calib::Ledger::open(config.state_dir, config.head_dir, std::move(key), std::move(*known), config.feed,
+                                    trusted_key(config.signing_key));
   if (!ledger) return propagate(ledger);
   const auto log = [](int priority, const std::string& line) {
     calib::journal(priority, calib::message_ids::dds_complains, line);
@@ -193,9 +203,9 @@ int serve(calib::Service& service, calib::ControlSocket& control, int signal_fd)
       if (!request)
         reply(request.error());
       else if (std::holds_alternative<calib::ReloadRequest>(*request))
-        service.ask({std::move(*request), client.peer, reply_to_reload, client.client_gone});
+        service.ask({std::move(*request), client.peer, reply_to_reload, client.client_gone, client.file});
       else
-        service.ask({std::move(*request), client.peer, reply, client.client_gone});
+        service.ask({std::move(*request), client.peer, reply, client.client_gone, client.file});
     } catch (const std::exception& exception) {
       reply(calib::Error{ErrorCode::failed, exception.what()});
     }

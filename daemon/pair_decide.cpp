@@ -131,7 +131,8 @@ bool PairPipeline::shows_same_scene(const PairState& state, const Measurement& m
 PairDecision PairPipeline::conclude(const PairState& before, PairState after, const Now& now) const {
   PairDecision decision;
   count_cycle(after.run, now.time.since_boot);
-  if (after.probation && after.run.windows_without_evidence == 0) {
+  // A probation that cannot be ended by a record goes on.
+  if (after.probation && after.run.windows_without_evidence == 0 && !now.signing_refused) {
     const bool over = after.probation->pairs >= settings_.drift.baseline_pairs;
     if (const auto why = failed_probation(*after.probation, over))
       return end_probation(before, std::move(after), *why, now);
@@ -182,12 +183,30 @@ void PairPipeline::conclude_verdict(PairState& after, const Now& now) const {
                      "or confirm it with `calibctl rollback {} --to {}`",
                      *after.unresolved, settings_.pair, now.history.in_force()->sequence)});
   }
+  if (after.verdict == Verdict::calibrated) {
+    if (const auto why = unvouched(now))
+      after.set({Verdict::not_evaluated, why->code, fmt::format("{}: {}", to_string(why->code), why->context)});
+  }
   // The state itself is about to be written where this changes the verdict.
   after.set(claim(after.claimed(), grounds(after, now.not_written), {now.boot_id, now.time.since_boot}));
 }
 
+/// Why the records do not vouch for what `calibrated` would be said of; nothing when they do.
+std::optional<Error> PairPipeline::unvouched(const Now& now) const {
+  const CalibrationRecord& in_force = *now.history.in_force();
+  if (now.history.doubted.contains(in_force.sequence))
+    return Error{ErrorCode::unresolved,
+                 fmt::format("record {}, which has put the extrinsic in force, is in doubt since its key was revoked; "
+                             "recalibrate, or confirm it with `calibctl rollback {} --to {}`",
+                             in_force.sequence, settings_.pair, in_force.sequence)};
+  if (now.signing_refused && now.history.known_baseline(settings_.evidence_sha256) == nullptr)
+    return Error{ErrorCode::wrong_key, "the baseline is not signed: " + *now.signing_refused};
+  return std::nullopt;
+}
+
 /// The record to sign once the baseline is known, and again whenever it is of ten times as many pairs.
 std::optional<CalibrationRecord> PairPipeline::baseline_due(const PairState& state, const Now& now) const {
+  if (now.signing_refused) return std::nullopt;
   const DriftBaseline& learned = state.drift.baseline;
   const CalibrationRecord* const last = now.history.known_baseline(settings_.evidence_sha256);
   const int known = last == nullptr ? 0 : static_cast<int>(last->baseline->pairs);

@@ -15,6 +15,19 @@ void PairHistory::add(CalibrationRecord record) {
   if (puts_in_force(record.decision)) extrinsics.push_back(std::move(record));
 }
 
+void PairHistory::doubt(std::uint64_t from, std::uint64_t until) {
+  const auto in_doubt = [&](const CalibrationRecord& record) {
+    return from <= record.sequence && record.sequence < until;
+  };
+  std::erase_if(baselines, in_doubt);
+  for (const CalibrationRecord& record : extrinsics)
+    if (in_doubt(record)) doubted.insert(record.sequence);
+}
+
+void PairHistory::forget_unsigned() {
+  std::erase_if(extrinsics, [](const CalibrationRecord& record) { return record.sequence == 0; });
+}
+
 const CalibrationRecord* PairHistory::in_force() const { return extrinsics.empty() ? nullptr : &extrinsics.back(); }
 
 const CalibrationRecord* PairHistory::before_in_force() const {
@@ -34,7 +47,7 @@ const CalibrationRecord* PairHistory::baseline() const {
 
 const CalibrationRecord* PairHistory::known_baseline(const std::string& evidence_sha256) const {
   const CalibrationRecord* known = baseline();
-  if (known == nullptr || known->evidence_sha256 != evidence_sha256) return nullptr;
+  if (known == nullptr || in_force()->sequence == 0 || known->evidence_sha256 != evidence_sha256) return nullptr;
   return known->sequence > in_force()->sequence || in_force()->decision == Decision::rolled_back ? known : nullptr;
 }
 

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <cstdint>
 #include <optional>
+#include <set>
 #include <vector>
 
 #include "calib/record.hpp"
@@ -16,9 +18,16 @@ struct PairHistory {
   std::vector<CalibrationRecord> baselines;   // oldest first
   std::optional<CalibrationRecord> initial;   // the last one: the configuration as it was last taken over
 
-  void add(CalibrationRecord record);
+  /// Records that somebody else may have signed: of a key that was revoked.
+  std::set<std::uint64_t> doubted;
 
-  /// Nothing before the pair's first record.
+  void add(CalibrationRecord record);
+  /// Doubts the records of these numbers, `until` excluded; baselines among them are forgotten.
+  void doubt(std::uint64_t from, std::uint64_t until);
+  /// Forgets what was never signed.
+  void forget_unsigned();
+
+  /// Nothing before the pair's first record. Of number 0 where it could not be signed, while signing is refused.
   [[nodiscard]] const CalibrationRecord* in_force() const;
   /// The one that was in force before the present one, if any.
   [[nodiscard]] const CalibrationRecord* before_in_force() const;

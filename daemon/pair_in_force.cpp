@@ -59,6 +59,7 @@ PairDecision PairPipeline::decide(const PairState& state, const Accept& request,
   CalibrationRecord record = *request.proposal;
   record.decision = Decision::accepted;
   record.asked_by = request.asked_by;
+  record.comment = request.comment;
   record.reason = fmt::format("proposal of record {} accepted", request.proposal->sequence);
   record.evidence_sha256 = settings_.evidence_sha256;
   record.T_camera_lidar_before = state.T_camera_lidar;
@@ -81,6 +82,7 @@ PairDecision PairPipeline::decide(const PairState& state, const RollBack& reques
   }
   CalibrationRecord record = new_record(Decision::rolled_back, state, request.asked_by,
                                         fmt::format("back to the extrinsic of record {}", target.sequence));
+  record.comment = request.comment;
   record.T_camera_lidar = target.T_camera_lidar;
   record.sigma = target.sigma;
   PairState after = state;

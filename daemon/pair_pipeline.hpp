@@ -73,16 +73,19 @@ struct Recalibrate {
   std::string asked_by;
   bool dry_run;  // decides, and changes nothing
   Result<FoundExtrinsic> found;
+  Comment comment{};
 };
 /// Puts the proposed extrinsic in force; `proposal` is the record that `PairState::proposed_record` names.
 struct Accept {
   std::string asked_by;
   std::optional<CalibrationRecord> proposal;
+  Comment comment{};
 };
 /// Puts an earlier extrinsic in force: that of `target`, one of the pair's records.
 struct RollBack {
   std::string asked_by;
   std::optional<CalibrationRecord> target;
+  Comment comment{};
 };
 
 /// One line for the journal: syslog's priority, message id (message_ids.hpp), text and fields.
@@ -134,6 +137,9 @@ struct Now {
   std::uint64_t next_sequence = 1;  // of the record that is written next
   /// Why the head of the chain of records could not be saved; nothing when it was.
   std::optional<std::string> not_written{};
+  /// Why no record can be signed; nothing when it can. Then no record is asked for, and `calibrated` is said only
+  /// relative to a baseline that is signed.
+  std::optional<std::string> signing_refused{};
 };
 
 class PairPipeline {
@@ -177,6 +183,12 @@ class PairPipeline {
   [[nodiscard]] PairStatus status(const PairState& state, const std::optional<Error>& store_failure,
                                   const Now& now) const;
 
+  /// The state without evidence that the records do not vouch for.
+  [[nodiscard]] PairState without_evidence(PairState state, const Now& now) const {
+    set_evidence_aside(state, now);
+    return state;
+  }
+
   [[nodiscard]] const PairSettings& settings() const { return settings_; }
   /// Whose features are kept for a recalibration.
   [[nodiscard]] std::size_t frames_to_keep() const { return wanted_frames(); }
@@ -200,6 +212,7 @@ class PairPipeline {
   [[nodiscard]] bool shows_same_scene(const PairState& state, const Measurement& measurement) const;
   [[nodiscard]] PairDecision conclude(const PairState& before, PairState after, const Now& now) const;
   void conclude_verdict(PairState& after, const Now& now) const;
+  [[nodiscard]] std::optional<Error> unvouched(const Now& now) const;
   [[nodiscard]] std::optional<CalibrationRecord> baseline_due(const PairState& state, const Now& now) const;
   void tell_absence(PairDecision& decision, const Now& now) const;
   [[nodiscard]] DriftAlert alert(const PairState& before, const PairState& after, const Now& now) const;

@@ -135,6 +135,7 @@ PairDecision PairPipeline::decide(const PairState& state, const Recalibrate& req
     return decision;
   }
   CalibrationRecord record = new_record(outcome, state, request.asked_by, result.reason);
+  record.comment = request.comment;
   record.T_camera_lidar = result.T_camera_lidar;
   record.sigma = result.sigma;
   record.score = CalibrationRecord::Score{result.score_before, result.score_after, result.held_back_before,

@@ -30,6 +30,9 @@ Result<std::unique_ptr<Service>> Service::make(Config config, Ledger ledger, std
   const auto& log = service->surroundings_.log;
   if (const auto& missing = service->ledger_.records_missing())
     log(3, message_ids::records_missing, *missing + "; calibd goes on with the records that there are");
+  if (const auto& refused = service->ledger_.signing_refused())
+    log(3, message_ids::signing_refused,
+        "signing is refused: " + *refused + "; calibd watches, and decides nothing that needs a record");
   if (const auto& failure = service->ledger_.evidence_failure())
     log(4, message_ids::evidence_set_aside, failure->context + "; calibd goes on from the last decision of each pair");
   // Alerts that were written but perhaps not sent, and extrinsics that late readers must see.
@@ -73,7 +76,8 @@ Now Service::now(const Pair& pair) const {
           .boot_id = ledger_.provenance().boot_id,
           .history = ledger_.history(pair.config->name),
           .next_sequence = ledger_.next_sequence(),
-          .not_written = head ? std::optional(head->context) : std::nullopt};
+          .not_written = head ? std::optional(head->context) : std::nullopt,
+          .signing_refused = ledger_.signing_refused()};
 }
 
 /// Writes what was decided, durably, and makes it the pair's state; or changes nothing and returns false.
@@ -201,50 +205,13 @@ void Service::conclude(std::size_t index, Measurement measurement) {
   PairDecision decision = pair.pipeline.decide(pair.state, std::move(measurement), now(pair));
   const bool due = decision.recalibration_due;
   apply(pair, std::move(decision));
-  if (!due || pair.store_failure) return;
+  if (!due || pair.store_failure || ledger_.signing_refused()) return;
   [[maybe_unused]] const auto answer = recalibrate(index, "calibd", /*dry_run=*/false);
 }
 
 void Service::conclude(std::size_t index, const Skip& skip) {
   Pair& pair = *pairs_[index];
   apply(pair, pair.pipeline.decide(pair.state, skip, now(pair)));
-}
-
-Result<Answer> Service::recalibrate(std::size_t index, std::string asked_by, bool dry_run) {
-  Pair& pair = *pairs_[index];
-  Recalibrate request{.asked_by = std::move(asked_by),
-                      .dry_run = dry_run,
-                      .found = pair.pipeline.search(pair.state, [this] { return keep_going(); })};
-  auto answer = apply_request(pair, pair.pipeline.decide(pair.state, request, now(pair)));
-  pair.state.run.last_window.reset();  // a recalibration is no part of a cycle
-  return answer;
-}
-
-Result<Answer> Service::accept(std::size_t index, std::string asked_by) {
-  Pair& pair = *pairs_[index];
-  Accept request{.asked_by = std::move(asked_by), .proposal = {}};
-  if (pair.state.proposed_record) {
-    auto proposal = ledger_.find(pair.config->name, *pair.state.proposed_record);
-    if (!proposal) return fail(ErrorCode::failed, proposal.error().context);
-    request.proposal = std::move(*proposal);
-  }
-  return apply_request(pair, pair.pipeline.decide(pair.state, request, now(pair)));
-}
-
-Result<Answer> Service::roll_back(std::size_t index, std::optional<std::uint64_t> to, std::string asked_by) {
-  Pair& pair = *pairs_[index];
-  const std::string& name = pair.config->name;
-  RollBack request{.asked_by = std::move(asked_by), .target = {}};
-  if (const CalibrationRecord* before = ledger_.history(name).before_in_force(); !to && before != nullptr)
-    to = before->sequence;
-  if (to) {
-    auto target = ledger_.find(name, *to);
-    if (!target)
-      return fail(target.error().code == ErrorCode::record_not_found ? ErrorCode::not_found : ErrorCode::failed,
-                  target.error().context);
-    request.target = std::move(*target);
-  }
-  return apply_request(pair, pair.pipeline.decide(pair.state, request, now(pair)));
 }
 
 Result<void> Service::run(const std::function<void()>& alive) {
@@ -303,7 +270,7 @@ bool Service::keep_going() {
 }
 
 ControlReply Service::answer(const PendingRequest& pending) {
-  return std::visit([&](const auto& request) { return answer(request, pending.peer); }, pending.request);
+  return std::visit([&](const auto& request) { return answer(request, pending); }, pending.request);
 }
 
 void Service::ask(PendingRequest request) {
@@ -337,39 +304,11 @@ Result<std::size_t> Service::find(const std::string& name) const {
   return static_cast<std::size_t>(found - pairs_.begin());
 }
 
-ControlReply Service::answer(const StatusRequest&, const Peer&) { return status(); }
+ControlReply Service::answer(const StatusRequest&, const PendingRequest&) { return status(); }
 
-ControlReply Service::answer(const RecordsRequest& request, const Peer&) {
+ControlReply Service::answer(const RecordsRequest& request, const PendingRequest&) {
   auto page = records(request.from);
   return page ? ControlReply(std::move(*page)) : ControlReply(page.error());
-}
-
-ControlReply Service::answer(const RecalibrationRequest& request, const Peer& peer) {
-  return change(request.pair, peer, [&](std::size_t pair, std::string asked_by) {
-    return recalibrate(pair, std::move(asked_by), request.dry_run);
-  });
-}
-
-ControlReply Service::answer(const AcceptRequest& request, const Peer& peer) {
-  return change(request.pair, peer,
-                [&](std::size_t pair, std::string asked_by) { return accept(pair, std::move(asked_by)); });
-}
-
-ControlReply Service::answer(const RollbackRequest& request, const Peer& peer) {
-  return change(request.pair, peer, [&](std::size_t pair, std::string asked_by) {
-    return roll_back(pair, request.to, std::move(asked_by));
-  });
-}
-
-/// What changes something, if the peer may ask for that.
-ControlReply Service::change(const std::string& name, const Peer& peer,
-                             const std::function<Result<Answer>(std::size_t pair, std::string asked_by)>& make) {
-  if (!peer.may_change)
-    return Error{ErrorCode::denied, "only root, the daemon's user and members of its group may ask for changes"};
-  const auto pair = find(name);
-  if (!pair) return pair.error();
-  auto answer = make(*pair, "uid:" + std::to_string(peer.uid));
-  return answer ? ControlReply(std::move(*answer)) : ControlReply(answer.error());
 }
 
 }  // namespace calib

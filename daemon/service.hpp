@@ -44,6 +44,7 @@ struct PendingRequest {
   std::function<void(ControlReply)> reply;
   /// Set when the client has disconnected.
   std::shared_ptr<const std::atomic<bool>> client_gone = std::make_shared<const std::atomic<bool>>(false);
+  std::shared_ptr<const SentFile> file{};
 };
 
 /// Samples each pair, has the pipeline measure and decide, and makes what it decides happen, in one order: the ledger's
@@ -72,10 +73,13 @@ class Service {
   /// Decides as at the end of a window.
   void conclude(std::size_t pair, Measurement measurement);
   void conclude(std::size_t pair, const Skip& skip);
-  [[nodiscard]] Result<Answer> recalibrate(std::size_t pair, std::string asked_by, bool dry_run);
-  [[nodiscard]] Result<Answer> accept(std::size_t pair, std::string asked_by);
+  [[nodiscard]] Result<Answer> recalibrate(std::size_t pair, std::string asked_by, bool dry_run, Comment comment = {});
+  [[nodiscard]] Result<Answer> accept(std::size_t pair, std::string asked_by, Comment comment = {});
   /// Back to the extrinsic of record `to`; of the one before the present one when there is none.
-  [[nodiscard]] Result<Answer> roll_back(std::size_t pair, std::optional<std::uint64_t> to, std::string asked_by);
+  [[nodiscard]] Result<Answer> roll_back(std::size_t pair, std::optional<std::uint64_t> to, std::string asked_by,
+                                         Comment comment = {});
+  /// As `Ledger::change_key`; evidence that rests on doubted records is set aside.
+  [[nodiscard]] Result<Answer> change_key(Ledger::NewKey request);
   /// Takes over of a changed configuration what can change without losing state. One that is wrong changes nothing.
   [[nodiscard]] Result<ConfigChanges> reload();
   /// Writes the evidence that waits, of all pairs at once. `run` does that once a minute and at its end.
@@ -151,16 +155,19 @@ class Service {
   [[nodiscard]] Now now(const Pair& pair) const;
   void answer_requests();
   [[nodiscard]] ControlReply answer(const PendingRequest& pending);
-  [[nodiscard]] ControlReply answer(const StatusRequest& request, const Peer& peer);
-  [[nodiscard]] ControlReply answer(const RecordsRequest& request, const Peer& peer);
-  [[nodiscard]] ControlReply answer(const DiagnosisRequest& request, const Peer& peer);
-  [[nodiscard]] ControlReply answer(const RecalibrationRequest& request, const Peer& peer);
-  [[nodiscard]] ControlReply answer(const AcceptRequest& request, const Peer& peer);
-  [[nodiscard]] ControlReply answer(const RollbackRequest& request, const Peer& peer);
-  [[nodiscard]] ControlReply answer(const ReloadRequest& request, const Peer& peer);
-  [[nodiscard]] ControlReply change(const std::string& name, const Peer& peer,
-                                    const std::function<Result<Answer>(std::size_t pair, std::string asked_by)>& make);
+  [[nodiscard]] ControlReply answer(const StatusRequest& request, const PendingRequest& pending);
+  [[nodiscard]] ControlReply answer(const RecordsRequest& request, const PendingRequest& pending);
+  [[nodiscard]] ControlReply answer(const DiagnosisRequest& request, const PendingRequest& pending);
+  [[nodiscard]] ControlReply answer(const ReloadRequest& request, const PendingRequest& pending);
   [[nodiscard]] Result<std::size_t> find(const std::string& name) const;
+
+  // service_requests.cpp
+  [[nodiscard]] ControlReply answer(const RecalibrationRequest& request, const PendingRequest& pending);
+  [[nodiscard]] ControlReply answer(const AcceptRequest& request, const PendingRequest& pending);
+  [[nodiscard]] ControlReply answer(const RollbackRequest& request, const PendingRequest& pending);
+  [[nodiscard]] ControlReply answer(const KeyRequest& request, const PendingRequest& pending);
+  [[nodiscard]] ControlReply change(const std::string& name, const Peer& peer, bool dry_run,
+                                    const std::function<Result<Answer>(std::size_t pair, std::string asked_by)>& make);
 
   // service_diagnosis.cpp
   [[nodiscard]] DiagnosisReport diagnose_pairs(const std::optional<std::string>& name);
@@ -169,8 +176,8 @@ class Service {
   // service_feed.cpp
   void tell_fleet(const Status& status);
   [[nodiscard]] std::string run_id() const;
-  [[nodiscard]] ControlReply answer(const FeedRequest& request, const Peer& peer);
-  [[nodiscard]] ControlReply answer(const AcknowledgeRequest& request, const Peer& peer);
+  [[nodiscard]] ControlReply answer(const FeedRequest& request, const PendingRequest& pending);
+  [[nodiscard]] ControlReply answer(const AcknowledgeRequest& request, const PendingRequest& pending);
   [[nodiscard]] bool waits_for_event(PendingRequest& request);
   void answer_who_waits_for_events();
   void answer_acknowledgements();

@@ -5,7 +5,7 @@
 
 namespace calib {
 
-ControlReply Service::answer(const DiagnosisRequest& request, const Peer&) try {
+ControlReply Service::answer(const DiagnosisRequest& request, const PendingRequest&) try {
   if (request.pair)
     if (const auto pair = find(*request.pair); !pair) return pair.error();
   DiagnosisReport report = diagnose_pairs(request.pair);

@@ -25,8 +25,10 @@ bool is_settled(const PairStatus& pair) {
 
 }  // namespace
 
-/// What the fleet is told without a decision. Where the store cannot be written, it is tried again the next time.
+/// What the fleet is told without a decision; nothing while there is no key that it could be verified with. Where the
+/// store cannot be written, it is tried again the next time.
 void Service::tell_fleet(const Status& status) {
+  if (ledger_.signing_refused()) return;
   using Told = std::function<Result<void>(Feed&, const Feed::Writer&)>;
   const Moment time = surroundings_.clock();
   const auto tell = [&](const Told& what) { return ledger_.tell(what, time).has_value(); };
@@ -76,13 +78,13 @@ Result<FeedPage> Service::events(std::uint64_t after, std::size_t limit) const {
   return FeedPage{config_.vehicle, run_id(), *waiting, std::move(*events)};
 }
 
-ControlReply Service::answer(const FeedRequest& request, const Peer&) {
+ControlReply Service::answer(const FeedRequest& request, const PendingRequest&) {
   auto page = events(request.after, request.limit);
   return page ? ControlReply(std::move(*page)) : ControlReply(page.error());
 }
 
-ControlReply Service::answer(const AcknowledgeRequest& request, const Peer& peer) {
-  if (!peer.may_acknowledge)
+ControlReply Service::answer(const AcknowledgeRequest& request, const PendingRequest& pending) {
+  if (!pending.peer.may_acknowledge)
     return Error{ErrorCode::denied,
                  "only root, the daemon's user, members of its group and calib-uplink may ask for that"};
   if (request.run != run_id()) return Error{ErrorCode::bad_request, "that event is of another run of calibd"};

@@ -47,7 +47,8 @@ Result<ConfigChanges> Service::reload() {
   return changes;
 }
 
-ControlReply Service::answer(const ReloadRequest&, const Peer& peer) {
+ControlReply Service::answer(const ReloadRequest&, const PendingRequest& pending) {
+  const Peer& peer = pending.peer;
   if (!peer.may_change)
     return Error{ErrorCode::denied, "only root, the daemon's user and members of its group may ask for changes"};
   auto changes = reload();

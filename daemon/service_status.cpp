@@ -13,7 +13,8 @@ PairStatus Service::status_of(const Pair& pair) const {
     status.proposed = PairStatus::Proposed{proposed->T_camera_lidar, proposed->sequence};
   // Every record was verified when the ledger was opened, or signed by this very process.
   const CalibrationRecord* record = time.history.in_force();
-  status.record = PairStatus::Record{record->sequence, ledger_.key_id(), true, record->wall_time};
+  if (record->sequence > 0)
+    status.record = PairStatus::Record{record->sequence, ledger_.key_id(record->sequence), true, record->wall_time};
   const auto input = [&](const std::string& topic, const std::optional<std::chrono::nanoseconds>& arrived) {
     PairStatus::Input shown{topic, std::nullopt};
     if (arrived) shown.age_s = std::chrono::duration<double>(time.time.since_boot - *arrived).count();
@@ -45,6 +46,7 @@ void Service::collect_status() {
   tell_fleet(status);
   status.feed_queued = ledger_.waiting_event_count();
   status.records_missing = ledger_.records_missing();
+  status.signing_refused = ledger_.signing_refused();
   {
     const std::lock_guard lock(mutex_);
     status_ = std::move(status);
@@ -100,10 +102,11 @@ std::optional<std::string> Service::show() {
   const Status status = this->status();
   publish_diagnostics(status);
   answer_who_waits_for_events();
-  std::string verdicts;
+  std::string verdicts = status.signing_refused ? "signing is refused: " + *status.signing_refused : "";
   {
     const std::lock_guard lock(mutex_);
-    if (!reload_refused_.empty()) verdicts = "the configuration was not reloaded: " + reload_refused_;
+    if (!reload_refused_.empty())
+      verdicts += (verdicts.empty() ? "" : "; ") + ("the configuration was not reloaded: " + reload_refused_);
   }
   for (const PairStatus& pair : status.pairs)
     verdicts += (verdicts.empty() ? "" : "; ") + pair.name + ": " + std::string(to_string(pair.verdict)) + " (" +

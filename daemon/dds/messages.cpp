@@ -34,18 +34,21 @@ auto make_room(Sequence& sequence, std::size_t size) {
   return std::span(sequence._buffer, size);
 }
 
+// Levels of a DiagnosticStatus.
+constexpr std::uint8_t ok = 0, warn = 1, error = 2, stale = 3;
+
 std::uint8_t level(Verdict verdict) {
   switch (verdict) {
     case Verdict::calibrated:
-      return 0;  // OK
+      return ok;
     case Verdict::suspect:
-      return 1;  // WARN
+      return warn;
     case Verdict::drifted:
-      return 2;  // ERROR
+      return error;
     case Verdict::not_evaluated:
-      return 3;  // STALE
+      break;
   }
-  return 3;
+  return stale;
 }
 
 using KeyValues = std::vector<std::pair<std::string, std::string>>;
@@ -101,11 +104,12 @@ DiagnosticArrayMessage diagnostics_message(const Status& status, WallTime now) {
   DiagnosticArrayMessage message(zeroed<diagnostic_msgs_msg_dds__DiagnosticArray_>());
   message->header.stamp = ros_time(now);
   message->header.frame_id = dds_text("");
-  const auto statuses = make_room(message->status, status.pairs.size());
-  for (std::size_t i = 0; i < statuses.size(); ++i) {
+  const bool refused = status.signing_refused.has_value();
+  const auto statuses = make_room(message->status, status.pairs.size() + (refused ? 1 : 0));
+  for (std::size_t i = 0; i < status.pairs.size(); ++i) {
     const PairStatus& pair = status.pairs[i];
     const std::string verdict(to_string(pair.verdict));
-    statuses[i].level = level(pair.verdict);
+    statuses[i].level = refused ? std::max(level(pair.verdict), warn) : level(pair.verdict);
     statuses[i].name = dds_text("calibd: " + pair.name);
     statuses[i].message = dds_text(pair.reason.empty() ? verdict : verdict + ": " + pair.reason);
     statuses[i].hardware_id = dds_text(status.vehicle);
@@ -113,6 +117,13 @@ DiagnosticArrayMessage diagnostics_message(const Status& status, WallTime now) {
     std::ranges::transform(values, make_room(statuses[i].values, values.size()).begin(), [](const auto& value) {
       return diagnostic_msgs_msg_dds__KeyValue_{dds_text(value.first), dds_text(value.second)};
     });
+  }
+  if (refused) {
+    auto& signing = statuses.back();
+    signing.level = error;
+    signing.name = dds_text("calibd: signing");
+    signing.message = dds_text("refused: " + *status.signing_refused);
+    signing.hardware_id = dds_text(status.vehicle);
   }
   return message;
 }

@@ -12,8 +12,9 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::array<Decision, 6> decisions{Decision::initial,  Decision::accepted,    Decision::proposed,
-                                            Decision::rejected, Decision::rolled_back, Decision::baseline};
+constexpr std::array<Decision, 7> decisions{Decision::initial,    Decision::accepted,    Decision::proposed,
+                                            Decision::rejected,   Decision::rolled_back, Decision::baseline,
+                                            Decision::key_changed};
 /// More than any record needs; a reader stops here before it parses.
 constexpr std::size_t largest_record = 1 << 20;
 
@@ -48,34 +49,60 @@ json baseline_json(const CalibrationRecord::Baseline& baseline) {
           {"score_deviation", baseline.score_deviation}};
 }
 
-json record_json(const CalibrationRecord& record) {
+json or_null(const std::string& text) { return text.empty() ? json() : json(text); }
+
+json key_change_json(const KeyChange& change) {
+  return {{"previous", change.previous.text()},
+          {"next", change.next.text()},
+          {"previous_lost", change.previous_lost},
+          {"doubted_from", change.doubted_from ? json(*change.doubted_from) : json()}};
+}
+
+std::uint64_t schema_of(const CalibrationRecord& record) {
+  if (record.key_change || !record.comment.text.empty()) return 3;
+  return record.evidence_sha256.empty() ? 1 : 2;
+}
+
+/// What is about a pair and its extrinsic.
+void add_pair(const CalibrationRecord& record, json& object) {
   json stamps = json::array();
   for (const std::int64_t stamp : record.frame_stamps_ns) stamps.push_back(std::to_string(stamp));
   json sigma;
   if (record.sigma)
     sigma = {{"rotation_rad", json_fields::array_of<3>(record.sigma->head<3>())},
              {"translation_m", json_fields::array_of<3>(record.sigma->tail<3>())}};
-  json object{{"schema", std::uint64_t{record.evidence_sha256.empty() ? 1U : 2U}},
+  object["pair"] = record.pair;
+  object["T_camera_lidar"] = transform_json(record.T_camera_lidar);
+  object["T_camera_lidar_before"] = transform_json(record.T_camera_lidar_before);
+  object["sigma"] = std::move(sigma);
+  object["score"] = record.score ? score_json(*record.score) : json();
+  object["frame_stamps_ns"] = std::move(stamps);
+  if (schema_of(record) >= 2) object["evidence_sha256"] = record.evidence_sha256;
+  if (record.baseline) object["baseline"] = baseline_json(*record.baseline);
+}
+
+json record_json(const CalibrationRecord& record) {
+  json object{{"schema", schema_of(record)},
               {"vehicle", record.vehicle},
-              {"pair", record.pair},
               {"sequence", record.sequence},
               {"previous_sha256", record.previous_sha256},
               {"decision", to_string(record.decision)},
               {"reason", record.reason},
               {"asked_by", record.asked_by},
-              {"T_camera_lidar", transform_json(record.T_camera_lidar)},
-              {"T_camera_lidar_before", transform_json(record.T_camera_lidar_before)},
-              {"sigma", sigma},
-              {"score", record.score ? score_json(*record.score) : json()},
-              {"frame_stamps_ns", stamps},
               {"configuration_sha256", record.configuration_sha256},
               {"software_version", record.software_version},
               {"software_sha256", record.software_sha256},
               {"wall_time", rfc3339_ns(record.wall_time)},
               {"boot_id", record.boot_id},
               {"boot_time_ns", std::to_string(record.boot_time.count())}};
-  if (!record.evidence_sha256.empty()) object["evidence_sha256"] = record.evidence_sha256;
-  if (record.baseline) object["baseline"] = baseline_json(*record.baseline);
+  if (schema_of(record) >= 3) {
+    object["comment"] = or_null(record.comment.text);
+    object["login"] = or_null(record.comment.login);
+  }
+  if (record.key_change)
+    object["key_change"] = key_change_json(*record.key_change);
+  else
+    add_pair(record, object);
   return object;
 }
 
@@ -171,23 +198,31 @@ WallTime wall_time_from(const std::string& text) {
   return *time;
 }
 
-/// What every schema has, in 19 fields; a record of decision `baseline` has one more.
+PublicKey public_key_from(const json& value) {
+  const auto key = parse_public_key(value.get_ref<const std::string&>());
+  require(key.has_value(), "a public key is not one of minisign's");
+  return *key;
+}
+
+KeyChange key_change_from(const json& object) {
+  require(object.size() == 4, "the change of keys has a field that it should not have");
+  KeyChange change{public_key_from(object.at("previous")), public_key_from(object.at("next")),
+                   object.at("previous_lost").get_ref<const bool&>(), std::nullopt};
+  if (const json& from = object.at("doubted_from"); !from.is_null())
+    change.doubted_from = from.get_ref<const std::uint64_t&>();
+  require(change.previous != change.next, "the change of keys is from a key to itself");
+  return change;
+}
+
+/// What every record of every schema has, in 13 fields.
 CalibrationRecord common_fields_from(const json& object) {
   CalibrationRecord record;
   record.vehicle = text_at(object, "vehicle");
-  record.pair = text_at(object, "pair");
   record.sequence = object.at("sequence").get_ref<const std::uint64_t&>();
   record.previous_sha256 = sha256_at(object, "previous_sha256");
   record.decision = decision_from(text_at(object, "decision"));
   record.reason = text_at(object, "reason");
   record.asked_by = text_at(object, "asked_by");
-  record.T_camera_lidar = strict_transform_from(object.at("T_camera_lidar"));
-  record.T_camera_lidar_before = strict_transform_from(object.at("T_camera_lidar_before"));
-  if (const json& sigma = object.at("sigma"); !sigma.is_null()) record.sigma = sigma_from(sigma);
-  if (const json& score = object.at("score"); !score.is_null()) record.score = score_from(score);
-  if (record.decision == Decision::baseline) record.baseline = baseline_from(object.at("baseline"));
-  for (const json& stamp : object.at("frame_stamps_ns").get_ref<const json::array_t&>())
-    record.frame_stamps_ns.push_back(nanoseconds_from(stamp.get_ref<const std::string&>()));
   record.configuration_sha256 = sha256_at(object, "configuration_sha256");
   record.software_version = text_at(object, "software_version");
   record.software_sha256 = sha256_at(object, "software_sha256");
@@ -198,20 +233,57 @@ CalibrationRecord common_fields_from(const json& object) {
   return record;
 }
 
+/// What a record about a pair has beside that, in 6 fields; one of decision `baseline` has one more.
+void read_pair(const json& object, CalibrationRecord& record) {
+  require(record.decision != Decision::key_changed, "a change of keys is not about a pair");
+  record.pair = text_at(object, "pair");
+  record.T_camera_lidar = strict_transform_from(object.at("T_camera_lidar"));
+  record.T_camera_lidar_before = strict_transform_from(object.at("T_camera_lidar_before"));
+  if (const json& sigma = object.at("sigma"); !sigma.is_null()) record.sigma = sigma_from(sigma);
+  if (const json& score = object.at("score"); !score.is_null()) record.score = score_from(score);
+  if (record.decision == Decision::baseline) record.baseline = baseline_from(object.at("baseline"));
+  for (const json& stamp : object.at("frame_stamps_ns").get_ref<const json::array_t&>())
+    record.frame_stamps_ns.push_back(nanoseconds_from(stamp.get_ref<const std::string&>()));
+}
+
 void require_fields(const json& object, const CalibrationRecord& record, std::size_t fields) {
   require(object.size() == fields + record.baseline.has_value(), "the record has a field that it should not have");
 }
 
 CalibrationRecord schema_1_from(const json& object) {
   CalibrationRecord record = common_fields_from(object);
+  read_pair(object, record);
   require_fields(object, record, 19);
   return record;
 }
 
 CalibrationRecord schema_2_from(const json& object) {
   CalibrationRecord record = common_fields_from(object);
+  read_pair(object, record);
   record.evidence_sha256 = sha256_at(object, "evidence_sha256");
   require_fields(object, record, 20);
+  return record;
+}
+
+/// With a comment, or a change of keys, which may have one.
+CalibrationRecord schema_3_from(const json& object) {
+  CalibrationRecord record = common_fields_from(object);
+  if (const json& login = object.at("login"); !login.is_null())
+    record.comment.login = login.get_ref<const std::string&>();
+  if (const json& comment = object.at("comment"); !comment.is_null()) {
+    record.comment.text = comment.get_ref<const std::string&>();
+    require(check_comment(record.comment.text).has_value(), "the comment is empty, too long or has control characters");
+  }
+  require(object.at("login").is_null() || !record.comment.login.empty(), "login is empty");
+  if (record.decision == Decision::key_changed) {
+    record.key_change = key_change_from(object.at("key_change"));
+    require_fields(object, record, 16);
+    return record;
+  }
+  require(!record.comment.text.empty(), "without a comment it is of schema 2");
+  read_pair(object, record);
+  record.evidence_sha256 = sha256_at(object, "evidence_sha256");
+  require_fields(object, record, 22);
   return record;
 }
 
@@ -220,7 +292,7 @@ CalibrationRecord schema_2_from(const json& object) {
 constexpr struct {
   std::uint64_t schema;
   CalibrationRecord (*read)(const json& object);
-} readers[] = {{1, schema_1_from}, {2, schema_2_from}};
+} readers[] = {{1, schema_1_from}, {2, schema_2_from}, {3, schema_3_from}};
 
 CalibrationRecord record_from(const json& object) {
   const std::uint64_t schema = object.at("schema").get_ref<const std::uint64_t&>();
@@ -228,12 +300,6 @@ CalibrationRecord record_from(const json& object) {
     if (reader.schema == schema) return reader.read(object);
   throw std::invalid_argument("it is of schema " + std::to_string(schema) + ", and this program knows 1 to " +
                               std::to_string(std::rbegin(readers)->schema));
-}
-
-/// minisign's own form, with every part from the record, so that signing it twice gives the same file.
-std::string trusted_comment(const CalibrationRecord& record) {
-  const auto seconds = std::chrono::floor<std::chrono::seconds>(record.wall_time).count();
-  return "timestamp:" + std::to_string(seconds) + "\tfile:" + record_file_name(record.sequence) + "\thashed";
 }
 
 }  // namespace
@@ -252,6 +318,8 @@ std::string_view to_string(Decision decision) {
       return "rolled_back";
     case Decision::baseline:
       return "baseline";
+    case Decision::key_changed:
+      return "key_changed";
   }
   return "";
 }
@@ -272,6 +340,14 @@ std::string record_file_name(std::uint64_t sequence) {
 
 std::string canonical_json(const json& json) { return json_fields::canonical_text(json); }
 
+Result<void> check_comment(std::string_view comment) {
+  if (comment.empty() || comment.size() > longest_comment)
+    return fail(ErrorCode::bad_request, "a comment has 1 to " + std::to_string(longest_comment) + " bytes");
+  if (escape_control(comment) != comment)
+    return fail(ErrorCode::bad_request, "a comment is one line of UTF-8 without control characters");
+  return {};
+}
+
 std::string canonical_bytes(const CalibrationRecord& record) {
   return json_fields::canonical_text(record_json(record));
 }
@@ -287,29 +363,6 @@ Result<CalibrationRecord> parse_record(std::string_view canonical) {
   } catch (const std::exception& error) {
     return fail(ErrorCode::malformed_record, std::string("this is not a calibration record: ") + error.what());
   }
-}
-
-Result<SignedRecord> sign_record(const CalibrationRecord& record, const SigningKey& key) {
-  std::string canonical = canonical_bytes(record);
-  if (const auto readable = parse_record(canonical); !readable) return propagate(readable);
-  std::string signature = key.sign(canonical, trusted_comment(record));
-  return SignedRecord{std::move(canonical), std::move(signature)};
-}
-
-Result<CalibrationRecord> verify_record(const SignedRecord& record, const PublicKey& key,
-                                        std::string_view expected_previous_sha256, std::uint64_t expected_sequence) {
-  // The signature first: nothing that nobody signed is parsed.
-  if (const auto is_signed = verify_signature(record.canonical, record.signature, key); !is_signed)
-    return propagate(is_signed);
-  auto parsed = parse_record(record.canonical);
-  if (!parsed) return parsed;
-  if (parsed->sequence != expected_sequence)
-    return fail(ErrorCode::broken_chain, "it says that it is record " + std::to_string(parsed->sequence) +
-                                             " where record " + std::to_string(expected_sequence) + " should be");
-  if (parsed->previous_sha256 != expected_previous_sha256)
-    return fail(ErrorCode::broken_chain, "it follows a record with SHA-256 " + parsed->previous_sha256 +
-                                             ", but the record before it has " + std::string(expected_previous_sha256));
-  return parsed;
 }
 
 }  // namespace calib

@@ -10,7 +10,10 @@
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
+#include <new>
 #include <optional>
+#include <span>
+#include <utility>
 #include <vector>
 
 namespace calib {
@@ -28,17 +31,30 @@ constexpr std::size_t largest_key_file = 4096;
 constexpr std::string_view untrusted_prefix = "untrusted comment: ";
 constexpr std::string_view trusted_prefix = "trusted comment: ";
 
-/// Bytes that are wiped when they go.
+/// In pages of its own, between two that nobody can read. They are locked, and left out of core files; where the limit
+/// of locked memory is reached, the first is not done.
+std::uint8_t* locked_bytes(std::size_t size) {
+  auto* const bytes = static_cast<std::uint8_t*>(sodium_malloc(size));
+  if (bytes == nullptr) throw std::bad_alloc();
+  std::fill_n(bytes, size, std::uint8_t{0});
+  return bytes;
+}
+
+/// Bytes that are locked while they are there, and wiped when they go.
 struct Secret {
-  std::vector<std::uint8_t> bytes;
-  explicit Secret(std::size_t size) : bytes(size) {}
-  Secret(Secret&&) = default;
-  ~Secret() { sodium_memzero(bytes.data(), bytes.size()); }
+  std::span<std::uint8_t> bytes;
+  explicit Secret(std::size_t size) : bytes(locked_bytes(size), size) {}
+  Secret(Secret&& other) noexcept : bytes(std::exchange(other.bytes, {})) {}
+  Secret& operator=(Secret&&) = delete;
+  ~Secret() { sodium_free(bytes.data()); }
   [[nodiscard]] std::string_view text() const { return {reinterpret_cast<const char*>(bytes.data()), bytes.size()}; }
 };
 
 struct FileDescriptor {
   int number;
+  explicit FileDescriptor(int descriptor) : number(descriptor) {}
+  FileDescriptor(FileDescriptor&& other) noexcept : number(std::exchange(other.number, -1)) {}
+  FileDescriptor& operator=(FileDescriptor&&) = delete;
   ~FileDescriptor() {
     if (number >= 0) ::close(number);
   }
@@ -96,19 +112,23 @@ Error os_error(ErrorCode code, const std::filesystem::path& file) {
 /// The content of a small file, read without a buffer that nobody wipes. `require_private` refuses a file
 /// that everybody may read or write: group bits may be set, because systemd's credentials carry the mask of
 /// an access list there.
-Result<Secret> read_key_file(const std::filesystem::path& file, bool require_private) {
-  const FileDescriptor descriptor{::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK)};
+Result<Secret> read_key_file(int file, const std::string& name, bool require_private) {
   struct stat about {};
-  if (descriptor.number < 0 || ::fstat(descriptor.number, &about) != 0)
-    return tl::unexpected(os_error(errno == ENOENT ? ErrorCode::key_not_found : ErrorCode::bad_key, file));
+  if (::fstat(file, &about) != 0) return tl::unexpected(os_error(ErrorCode::bad_key, name));
   if (!S_ISREG(about.st_mode) || about.st_size <= 0 || about.st_size > static_cast<off_t>(largest_key_file))
-    return fail(ErrorCode::bad_key, file.string() + " is not a minisign key file");
+    return fail(ErrorCode::bad_key, name + " is not a minisign key file");
   if (require_private && (about.st_mode & S_IRWXO) != 0)
-    return fail(ErrorCode::key_permissions, file.string() + " is open to every user; run: chmod 600 " + file.string());
+    return fail(ErrorCode::key_permissions, name + " is open to every user; run: chmod 600 " + name);
   Result<Secret> content(tl::in_place, static_cast<std::size_t>(about.st_size));
-  const ssize_t length = ::read(descriptor.number, content->bytes.data(), content->bytes.size());
-  if (length != about.st_size) return fail(ErrorCode::bad_key, file.string() + " could not be read in full");
+  const ssize_t length = ::pread(file, content->bytes.data(), content->bytes.size(), 0);
+  if (length != about.st_size) return fail(ErrorCode::bad_key, name + " could not be read in full");
   return content;
+}
+
+Result<FileDescriptor> open_key_file(const std::filesystem::path& file) {
+  const int descriptor = ::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+  if (descriptor >= 0) return FileDescriptor{descriptor};
+  return tl::unexpected(os_error(errno == ENOENT ? ErrorCode::key_not_found : ErrorCode::bad_key, file));
 }
 
 /// The base64 line below the comment of a minisign key file.
@@ -134,38 +154,67 @@ Result<void> write_new_file(const std::filesystem::path& file, std::string_view 
 
 std::string PublicKey::id_text() const { return calib::id_text(id); }
 
+std::string PublicKey::text() const {
+  std::array<std::uint8_t, public_key_bytes> raw;
+  const auto after_algorithm = std::copy(key_algorithm.begin(), key_algorithm.end(), raw.begin());
+  std::copy(key.begin(), key.end(), std::copy(id.begin(), id.end(), after_algorithm));
+  return to_base64(raw.data(), raw.size());
+}
+
+Result<PublicKey> parse_public_key(std::string_view text) {
+  require_sodium();
+  std::array<std::uint8_t, public_key_bytes> raw;
+  if (!from_base64(text, raw.data(), raw.size()) ||
+      !std::equal(key_algorithm.begin(), key_algorithm.end(), raw.begin()))
+    return fail(ErrorCode::bad_key, "it is not a minisign public key");
+  PublicKey key;
+  std::copy_n(raw.begin() + key_algorithm.size(), key.id.size(), key.id.begin());
+  std::copy_n(raw.begin() + key_algorithm.size() + key.id.size(), key.key.size(), key.key.begin());
+  return key;
+}
+
+void SigningKey::Wipe::operator()(std::uint8_t* bytes) const { sodium_free(bytes); }
+
+SigningKey::SigningKey() : secret_(locked_bytes(crypto_sign_SECRETKEYBYTES)) {}
+
 SigningKey SigningKey::generate() {
   require_sodium();
   SigningKey key;
   std::array<std::uint8_t, 32> public_half;
   randombytes_buf(key.id_.data(), key.id_.size());
-  crypto_sign_keypair(public_half.data(), key.secret_.data());
+  crypto_sign_keypair(public_half.data(), key.secret_.get());
   return key;
 }
 
 Result<SigningKey> SigningKey::load(const std::filesystem::path& file) {
+  const auto opened = open_key_file(file);
+  if (!opened) return propagate(opened);
+  return load(opened->number, file.string());
+}
+
+Result<SigningKey> SigningKey::load(int file, const std::string& name) {
   require_sodium();
-  const auto content = read_key_file(file, true);
+  const auto content = read_key_file(file, name, true);
   if (!content) return propagate(content);
   const auto line = key_line(content->text());
   Secret raw(secret_key_bytes);
   if (!line || !from_base64(*line, raw.bytes.data(), raw.bytes.size()) ||
       !std::equal(key_algorithm.begin(), key_algorithm.end(), raw.bytes.begin()))
-    return fail(ErrorCode::bad_key, file.string() + " is not a minisign secret key");
+    return fail(ErrorCode::bad_key, name + " is not a minisign secret key");
   if (!std::equal(no_key_derivation.begin(), no_key_derivation.end(), raw.bytes.begin() + 2))
-    return fail(ErrorCode::bad_key, file.string() +
+    return fail(ErrorCode::bad_key, name +
                                         " is protected by a password, which a daemon cannot type; make one "
                                         "with `calibctl keygen` or `minisign -G -W`");
   SigningKey key;
   std::copy_n(raw.bytes.begin() + secret_id_at, key.id_.size(), key.id_.begin());
-  std::copy_n(raw.bytes.begin() + secret_key_at, key.secret_.size(), key.secret_.begin());
+  std::copy_n(raw.bytes.begin() + secret_key_at, crypto_sign_SECRETKEYBYTES, key.secret_.get());
 
   // Without a password minisign writes no checksum; but the secret key holds its public half, which must fit.
   std::array<std::uint8_t, 32> public_half;
   Secret derived(crypto_sign_SECRETKEYBYTES);
-  crypto_sign_seed_keypair(public_half.data(), derived.bytes.data(), key.secret_.data());
-  if (sodium_memcmp(derived.bytes.data(), key.secret_.data(), key.secret_.size()) != 0)
-    return fail(ErrorCode::bad_key, file.string() + " is damaged: its two halves do not belong together");
+  crypto_sign_seed_keypair(public_half.data(), derived.bytes.data(), key.secret_.get());
+  if (sodium_memcmp(derived.bytes.data(), key.secret_.get(), crypto_sign_SECRETKEYBYTES) != 0)
+    return fail(ErrorCode::bad_key, name + " is damaged: its two halves do not belong together");
   return key;
 }
 
@@ -174,18 +223,15 @@ Result<void> SigningKey::save(const std::filesystem::path& file) const {
   std::copy(key_algorithm.begin(), key_algorithm.end(), raw.bytes.begin());
   std::copy(checksum_algorithm.begin(), checksum_algorithm.end(), raw.bytes.begin() + 4);
   std::copy(id_.begin(), id_.end(), raw.bytes.begin() + secret_id_at);
-  std::copy(secret_.begin(), secret_.end(), raw.bytes.begin() + secret_key_at);
+  std::copy_n(secret_.get(), crypto_sign_SECRETKEYBYTES, raw.bytes.begin() + secret_key_at);
   std::string secret_text = to_base64(raw.bytes.data(), raw.bytes.size());
   std::string secret_file;
   secret_file.reserve(512);  // growing would leave copies of the key behind
   secret_file.append(untrusted_prefix).append("calibd signing key, keep it secret\n").append(secret_text) += '\n';
 
   const PublicKey half = public_key();
-  std::array<std::uint8_t, public_key_bytes> public_raw;
-  const auto after_algorithm = std::copy(key_algorithm.begin(), key_algorithm.end(), public_raw.begin());
-  std::copy(half.key.begin(), half.key.end(), std::copy(half.id.begin(), half.id.end(), after_algorithm));
-  const std::string public_file = std::string(untrusted_prefix) + "minisign public key " + half.id_text() + '\n' +
-                                  to_base64(public_raw.data(), public_raw.size()) + '\n';
+  const std::string public_file =
+      std::string(untrusted_prefix) + "minisign public key " + half.id_text() + '\n' + half.text() + '\n';
 
   std::filesystem::path public_path = file;
   public_path.replace_extension(".pub");
@@ -202,7 +248,7 @@ Result<void> SigningKey::save(const std::filesystem::path& file) const {
 
 PublicKey SigningKey::public_key() const {
   PublicKey half{.id = id_};
-  crypto_sign_ed25519_sk_to_pk(half.key.data(), secret_.data());
+  if (secret_) crypto_sign_ed25519_sk_to_pk(half.key.data(), secret_.get());
   return half;
 }
 
@@ -213,12 +259,12 @@ std::string SigningKey::sign(std::string_view bytes, std::string_view trusted_co
   std::array<std::uint8_t, signature_bytes> block;
   const auto after_algorithm = std::copy(signature_algorithm.begin(), signature_algorithm.end(), block.begin());
   std::uint8_t* const signature = &*std::copy(id_.begin(), id_.end(), after_algorithm);
-  crypto_sign_detached(signature, nullptr, hash.data(), hash.size(), secret_.data());
+  crypto_sign_detached(signature, nullptr, hash.data(), hash.size(), secret_.get());
 
   std::string sealed(reinterpret_cast<const char*>(signature), crypto_sign_BYTES);
   sealed += trusted_comment;
   std::array<std::uint8_t, crypto_sign_BYTES> global;
-  crypto_sign_detached(global.data(), nullptr, as_bytes(sealed), sealed.size(), secret_.data());
+  crypto_sign_detached(global.data(), nullptr, as_bytes(sealed), sealed.size(), secret_.get());
 
   std::string file(untrusted_prefix);
   file.append("signature from calibd, key ").append(id_text(id_)) += '\n';
@@ -231,7 +277,7 @@ std::string SigningKey::sign(std::string_view bytes, std::string_view trusted_co
 std::string SigningKey::mac(std::string_view purpose, std::string_view bytes) const {
   Secret derived(crypto_generichash_KEYBYTES);
   // The first half of an Ed25519 secret key is its seed.
-  crypto_generichash(derived.bytes.data(), derived.bytes.size(), as_bytes(purpose), purpose.size(), secret_.data(),
+  crypto_generichash(derived.bytes.data(), derived.bytes.size(), as_bytes(purpose), purpose.size(), secret_.get(),
                      crypto_sign_SEEDBYTES);
   std::array<std::uint8_t, crypto_generichash_BYTES> code;
   crypto_generichash(code.data(), code.size(), as_bytes(bytes), bytes.size(), derived.bytes.data(),
@@ -247,34 +293,15 @@ bool SigningKey::is_mac(std::string_view purpose, std::string_view bytes, std::s
   return mac.size() == expected.size() && sodium_memcmp(mac.data(), expected.data(), expected.size()) == 0;
 }
 
-SigningKey::SigningKey(SigningKey&& other) noexcept : id_(other.id_), secret_(other.secret_) {
-  sodium_memzero(other.secret_.data(), other.secret_.size());
-}
-
-SigningKey& SigningKey::operator=(SigningKey&& other) noexcept {
-  if (this != &other) {
-    id_ = other.id_;
-    secret_ = other.secret_;
-    sodium_memzero(other.secret_.data(), other.secret_.size());
-  }
-  return *this;
-}
-
-SigningKey::~SigningKey() { sodium_memzero(secret_.data(), secret_.size()); }
-
 Result<PublicKey> load_public_key(const std::filesystem::path& file) {
   require_sodium();
-  const auto content = read_key_file(file, false);
+  const auto opened = open_key_file(file);
+  if (!opened) return propagate(opened);
+  const auto content = read_key_file(opened->number, file.string(), false);
   if (!content) return propagate(content);
   const auto line = key_line(content->text());
-  std::array<std::uint8_t, public_key_bytes> raw;
-  if (!line || !from_base64(*line, raw.data(), raw.size()) ||
-      !std::equal(key_algorithm.begin(), key_algorithm.end(), raw.begin()))
-    return fail(ErrorCode::bad_key, file.string() + " is not a minisign public key");
-  PublicKey key;
-  std::copy_n(raw.begin() + key_algorithm.size(), key.id.size(), key.id.begin());
-  std::copy_n(raw.begin() + key_algorithm.size() + key.id.size(), key.key.size(), key.key.begin());
-  return key;
+  if (auto key = parse_public_key(line.value_or(""))) return key;
+  return fail(ErrorCode::bad_key, file.string() + " is not a minisign public key");
 }
 
 Result<void> verify_signature(std::string_view bytes, std::string_view signature_file, const PublicKey& key) {

@@ -240,12 +240,13 @@ std::string axis_in_words(const PairStatus& pair, int axis) {
 json to_json(const Status& status) {
   json pairs = json::array();
   for (const PairStatus& pair : status.pairs) pairs.push_back(pair_json(pair));
-  return {{"schema", 1},
-          {"vehicle", status.vehicle},
-          {"daemon", {{"running", status.running}, {"version", status.version}, {"uptime_s", status.uptime_s}}},
-          {"pairs", pairs},
-          {"records", {{"missing", or_null(status.records_missing)}}},
-          {"feed", {{"queued", status.feed_queued}}}};
+  return {
+      {"schema", 1},
+      {"vehicle", status.vehicle},
+      {"daemon", {{"running", status.running}, {"version", status.version}, {"uptime_s", status.uptime_s}}},
+      {"pairs", pairs},
+      {"records", {{"missing", or_null(status.records_missing)}, {"signing_refused", or_null(status.signing_refused)}}},
+      {"feed", {{"queued", status.feed_queued}}}};
 }
 
 void expire(Status& status, const BootTime& now) {
@@ -268,8 +269,10 @@ Result<Status> parse_status(const json& object) {
     status.uptime_s = daemon.at("uptime_s").get<double>();
     for (const json& pair : object.at("pairs").get_ref<const json::array_t&>()) status.pairs.push_back(pair_from(pair));
     status.feed_queued = integer_from<std::uint64_t>(object.at("feed").at("queued"));
-    if (const auto records = object.find("records"); records != object.end())
+    if (const auto records = object.find("records"); records != object.end()) {
       status.records_missing = optional_from<std::string>(records->at("missing"));
+      status.signing_refused = optional_from<std::string>(records->value("signing_refused", json()));  // came later
+    }
     return status;
   } catch (const std::exception& error) {
     return fail(ErrorCode::malformed_status, std::string("this is not a status of calibd: ") + error.what());

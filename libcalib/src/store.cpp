@@ -245,27 +245,6 @@ Result<std::optional<std::string>> Store::state(std::string_view pair) const {
   return *row ? std::optional(query.text(0)) : std::nullopt;
 }
 
-Result<void> visit_verified(std::uint64_t count,
-                            const std::function<Result<SignedRecord>(std::uint64_t sequence)>& record_of,
-                            const PublicKey& key,
-                            const std::function<void(const CalibrationRecord&, const SignedRecord&)>& visit) {
-  std::string previous_sha256(no_previous_sha256);
-  for (std::uint64_t sequence = 1; sequence <= count; ++sequence) {
-    const auto stored = record_of(sequence);
-    const auto record = stored.and_then(
-        [&](const SignedRecord& bytes) { return verify_record(bytes, key, previous_sha256, sequence); });
-    if (!record) {
-      const Error& error = record.error();
-      // A gap is a chain that somebody has broken, not a record that was asked for in vain.
-      return fail(error.code == ErrorCode::record_not_found ? ErrorCode::broken_chain : error.code,
-                  "record " + std::to_string(sequence) + " does not verify: " + error.context);
-    }
-    visit(*record, *stored);
-    previous_sha256 = sha256_hex(stored->canonical);
-  }
-  return {};
-}
-
 Result<std::vector<CalibrationRecord>> verified_history(const Store& store, const PublicKey& key) {
   const auto count = store.record_count();
   if (!count) return propagate(count);

@@ -10,7 +10,7 @@ from conftest import DONE, FAILED, NO, USAGE
 
 # With files of their own for a schema, and tests of their own: status, wait, doctor, show and reload.
 ELSEWHERE = {"status", "wait", "doctor", "show", "reload"}
-CHECKED = {"events", "history", "verify", "export", "recalibrate", "accept", "rollback", "import", "explain", "check-config",
+CHECKED = {"events", "history", "verify", "export", "recalibrate", "accept", "rollback", "rotate-key", "import", "explain", "check-config",
            "check-model", "keygen"}
 
 

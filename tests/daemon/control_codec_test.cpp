@@ -50,6 +50,29 @@ TEST_CASE("requests of the feed are read with what belongs to them") {
   }
 }
 
+TEST_CASE("what a person says comes with a request that leads to a record") {
+  const json said{{"pair", "front"}, {"comment", "bracket replaced"}, {"login", 1000U}};
+  const auto with = [&](const char* what) {
+    json request = said;
+    request["request"] = what;
+    return request;
+  };
+  CHECK(decoded<RecalibrationRequest>(with("recalibrate")).said.comment == "bracket replaced");
+  CHECK(decoded<AcceptRequest>(with("accept")).said.login == 1000);
+  CHECK(decoded<RollbackRequest>(with("rollback")).said.comment == "bracket replaced");
+  const auto key = decoded<KeyRequest>({{"request", "rotate_key"}, {"lost", true}, {"doubted_from", 7U}});
+  CHECK((key.lost && key.doubted_from == 7 && key.said.comment.empty() && !key.said.login));
+  CHECK_FALSE(decoded<KeyRequest>({{"request", "rotate_key"}}).lost);
+  for (const json& comment : {json(""), json(7), json("two\nlines"), json(std::string(1001, 'x'))}) {
+    json request = with("accept");
+    request["comment"] = comment;
+    CHECK(decode_request(request).error().code == "bad_request");
+  }
+  for (const json& request :
+       {json{{"request", "rotate_key"}, {"doubted_from", "1"}}, json{{"request", "accept"}, {"login", -1}}})
+    CHECK(decode_request(request).error().code == "bad_request");
+}
+
 TEST_CASE("what is not a request is refused") {
   for (const json& request :
        {json{{"request", "stop"}}, json{{"request", "records"}}, json{{"request", "records"}, {"from", 0U}},

@@ -3,6 +3,7 @@
 #include <set>
 
 #include "support/catch.hpp"
+#include "support/events.hpp"
 #include "support/store_fixture.hpp"
 
 using namespace calib;
@@ -60,20 +61,6 @@ struct FeedFixture : StoreFixture {
   }
 };
 
-/// Whether the vehicle's key signed an event, as proto/feed.md says it is checked: with the signature cut out.
-bool is_signed(std::string text, const PublicKey& key) {
-  json event = json::parse(text);
-  const std::string signature = event["signature"];
-  event.erase("signature");
-  const std::string cut = R"("signature":")" + signature + R"(",)";
-  const auto at = text.find(cut);
-  if (at == std::string::npos || canonical_json(event) != text.erase(at, cut.size())) return false;
-  // `verify_signature` wants the second signature too, which an event does without: only the first is of interest.
-  const auto checked = verify_signature(
-      text, "untrusted comment: \n" + signature + "\ntrusted comment: \n" + std::string(86, 'A') + "==\n", key);
-  return !checked && checked.error().context.find("trusted comment") != std::string::npos;
-}
-
 }  // namespace
 
 TEST_CASE_METHOD(FeedFixture, "an event is CloudEvents JSON, signed, and names its place in the feed") {
@@ -86,11 +73,11 @@ TEST_CASE_METHOD(FeedFixture, "an event is CloudEvents JSON, signed, and names i
   const auto rows = require_ok(store.waiting_events(0, 10));
   REQUIRE(rows.size() == 2);
   for (const Store::Event& row : rows) {
-    CHECK(is_signed(row.json, key.public_key()));
-    CHECK_FALSE(is_signed(row.json, SigningKey::generate().public_key()));
+    CHECK(test::is_signed(row.json, key.public_key()));
+    CHECK_FALSE(test::is_signed(row.json, SigningKey::generate().public_key()));
     std::string forged = row.json;
     forged.replace(forged.find("car-"), 4, "cat-");
-    CHECK_FALSE(is_signed(forged, key.public_key()));
+    CHECK_FALSE(test::is_signed(forged, key.public_key()));
     CHECK(row.json.size() <= Store::max_event_bytes);
   }
   const json event = json::parse(rows[1].json);
@@ -235,7 +222,7 @@ TEST_CASE_METHOD(FeedFixture,
   const std::string text = require_ok(store.waiting_events(0, 1)).at(0).json;
   CHECK(text.size() <= Store::max_event_bytes);
   CHECK((reason.size() < 2'000 || text.size() > 1'900));
-  CHECK(is_signed(text, key.public_key()));
+  CHECK(test::is_signed(text, key.public_key()));
 }
 
 TEST_CASE_METHOD(FeedFixture, "trouble is told once, and again when it comes back") {
@@ -316,7 +303,8 @@ TEST_CASE_METHOD(FeedFixture, "alerts that an earlier version left in the outbox
   CHECK(all[0]["id"] == "car-5");
   CHECK(all[2]["data"]["previous"] == 6);
   CHECK((all[3]["data"]["from"] == 1 && all[3]["data"]["to"] == 4));
-  for (const Store::Event& row : require_ok(store.waiting_events(0, 9))) CHECK(is_signed(row.json, key.public_key()));
+  for (const Store::Event& row : require_ok(store.waiting_events(0, 9)))
+    CHECK(test::is_signed(row.json, key.public_key()));
   start_again();
   CHECK(told() == "suspected trouble confirmed gap");
   say(Verdict::drifted);

@@ -311,14 +311,3 @@ TEST_CASE("a head that cannot be remembered is told until it can") {
   REQUIRE(ledger.write("front", {}, {}, moment));
   CHECK_FALSE(ledger.head_failure());
 }
-
-TEST_CASE("a ledger signed by another key does not open") {
-  const Garage garage;
-  {
-    auto ledger = test::require_ok(garage.open());
-    REQUIRE(ledger.write("front", {}, {decided(Decision::initial, 1), {}}, moment));
-  }
-  const auto opened = Ledger::open(garage.folder.path(), garage.folder.path(), SigningKey::generate(), provenance);
-  REQUIRE_FALSE(opened);
-  CHECK(opened.error().code == "wrong_key");
-}

@@ -6,13 +6,13 @@ import re
 import pytest
 
 ORDER = ("error_code result file image_header image_bits image_codec sha256 config_node wall_time geometry config_transform axis_words camera_models camera frame cloud_layout pairing depth_model depth depth_agreement extrinsic_check overlay "
-         "quality features mutual_information cusum search recalibrate misalignment drift signature record store claim json_integer status formats").split()
+         "quality features mutual_information cusum search recalibrate misalignment drift signature record chain store claim json_integer status formats").split()
 # Implementations of an interface, and private parts, stand beside the header that they serve.
 BESIDE = {"boundary": "camera_models", "camera_brown": "camera_models", "camera_equidistant": "camera_models", "camera_spheres": "camera_models", "drift_evidence": "drift", "drift_estimate": "drift", "depth_stereo": "depth", "stereo_rectification": "depth", "depth_topic": "depth", "depth_onnx": "depth", "depth_onnx_absent": "depth",
           "model_file": "depth_model", "network_image": "depth", "onnx_network": "depth",
           "joint_histogram": "mutual_information", "ranks": "features", "edges": "features", "cull": "features", "rotation_grid": "search", "search_steps": "search", "quadratic_model": "search",
           "uncertainty": "search", "recalibration_gates": "recalibrate", "opencv_alone": "depth", "opencv_alone_check": "depth",
-          "json_fields": "record", "sqlite_statement": "store", "store_outbox": "store"}
+          "json_fields": "record", "record_signature": "record", "sqlite_statement": "store", "store_outbox": "store"}
 
 FOREIGN = re.compile(r"^(dds/|cyclonedds|spdlog/|systemd/|CLI/|mosquitto)")
 NOT_PURE = {"iostream", "print", "thread", "mutex", "condition_variable", "future", "atomic",

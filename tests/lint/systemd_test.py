@@ -79,7 +79,7 @@ def test_catalog_is_read_by_journalctl(source_dir, tmp_path):
     result = run("journalctl", f"--root={tmp_path}", "--update-catalog")
     assert result.returncode == 0 and not result.stderr, result.stderr
     listed = run("journalctl", f"--root={tmp_path}", "--list-catalog").stdout
-    assert len(re.findall("^[0-9a-f]{32} calibd: ", listed, re.MULTILINE)) == 23
+    assert len(re.findall("^[0-9a-f]{32} calibd: ", listed, re.MULTILINE)) == 25
 
 
 def test_declared_ids_are_the_logged_ones(source_dir):

@@ -10,9 +10,9 @@ import pytest
 from compile_flags import all_flags
 
 READ_FROM_OUTSIDE = {
-    "libcalib/src": "axis_words claim cloud_layout config_node depth_model file image_codec image_header json_fields model_file network_image record "
-                    "sha256 signature status store store_outbox wall_time",
-    "daemon": "chain_head config control evidence_file feed ledger",
+    "libcalib/src": "axis_words chain claim cloud_layout config_node depth_model file image_codec image_header json_fields model_file network_image record "
+                    "record_signature sha256 signature status store store_outbox wall_time",
+    "daemon": "chain_head config control evidence_file feed ledger ledger_keys",
     "daemon/uplink": "calibd_request delivery file_sink uplink_config",
     "daemon/dds": "bus compressed_probe decode decode_camera_info decode_cloud decode_depth decode_image decode_motion discovery image_bound names "
                   "window",

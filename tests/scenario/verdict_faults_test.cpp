@@ -69,13 +69,16 @@ struct Truth {
   std::uint64_t pairs_of_run = 0;
   std::optional<std::chrono::nanoseconds> last_pair;  // of this run, on the clock that nobody turns
   std::map<std::string, std::uint64_t> pairs_with;    // by what they were measured with, ever
+  bool wrong_key = false;                             // of this run
+  bool baseline_is_signed = false;                    // of the extrinsic in force, by what is measured with now
 };
 
 /// One vehicle, from one fault to the next.
 class Vehicle {
  public:
   explicit Vehicle(std::uint64_t seed) : random_(seed) {
-    require_ok(SigningKey::generate().save(folder_.path() / "signing.key"));
+    for (const char* name : {"signing.key", "another.key"})
+      require_ok(SigningKey::generate().save(folder_.path() / name));
     for (const char* name : {"state", "head", "copy"}) std::filesystem::create_directory(folder_.path() / name);
     config_.vehicle = "car";
     config_.state_dir = folder_.path() / "state";
@@ -92,7 +95,7 @@ class Vehicle {
   }
 
   void step() {
-    switch (random_.below(16)) {
+    switch (random_.below(18)) {
       case 0:
         return pass(random_.below(2) == 0 ? 1s : std::chrono::seconds(random_.below(200)));  // the worker hangs
       case 1:
@@ -126,6 +129,10 @@ class Vehicle {
       case 12:
         for (int i = 0; i < 3; ++i) sample(false);
         return;
+      case 13:
+        return restart([this] { key_ = key_ == "signing" ? "another" : "signing"; });
+      case 14:
+        return restart([this] { trusts_ = !trusts_; });
       default:
         for (int i = random_.below(8); i >= 0; --i) sample(true);
     }
@@ -134,7 +141,9 @@ class Vehicle {
   /// Everything is well again: after as many pairs as a new vehicle takes, the verdict is there.
   void heal() {
     full_disk_ = false;
-    restart([] {});
+    restart([this] { key_ = "signing"; });
+    // All records may have been deleted while the other key was there: then these are its.
+    if (truth_.running && service_->ledger().signing_refused()) restart([this] { key_ = "another"; });
     for (std::uint64_t i = 0; i < baseline_pairs + least_pairs_to_confirm; ++i) sample(true);
   }
 
@@ -166,7 +175,10 @@ class Vehicle {
     REQUIRE(truth.last_pair);
     REQUIRE(steady_ - *truth.last_pair <= 2 * period + window);
     REQUIRE(truth.last_write_worked);
-    REQUIRE(truth.unwritten < Service::longest_unsaved);  // a full disk is noticed when evidence is written
+    if (truth.wrong_key)
+      REQUIRE(truth.baseline_is_signed);  // what is learned meanwhile cannot be
+    else
+      REQUIRE(truth.unwritten < Service::longest_unsaved);  // a full disk is noticed when evidence is written
     REQUIRE(truth.pairs_with.at(measured_with_at_snapshot(who)) >= baseline_pairs);
   }
   [[nodiscard]] const std::string& measured_with_at_snapshot(std::string_view who) const {
@@ -187,6 +199,10 @@ class Vehicle {
   }
   /// What a status would hold, taken whenever something has changed.
   void collect() {
+    truth_.wrong_key = service_->ledger().signing_refused().has_value();
+    REQUIRE(service_->status().signing_refused.has_value() == truth_.wrong_key);
+    const std::string measured_with = evidence_sha256(config_.pairs[0], service_->ledger().provenance());
+    truth_.baseline_is_signed = service_->ledger().history("front").known_baseline(measured_with) != nullptr;
     snapshot_ = to_json(service_->status()).dump();
     snapshot_truth_ = truth_;
     snapshot_measured_with_ = measured_with_;
@@ -235,8 +251,11 @@ class Vehicle {
     truth_.unwritten_since.reset();
     truth_.unwritten = 0s;
     const Provenance provenance{"car", std::string(64, 'c'), "1.2.3", std::string(64, 'd'), boot_id_};
+    history += key_ + ' ';
+    const auto trusted = require_ok(load_public_key(folder_.path() / "signing.pub"));
     auto ledger = Ledger::open(folder_.path() / "state", folder_.path() / "head",
-                               require_ok(SigningKey::load(folder_.path() / "signing.key")), provenance);
+                               require_ok(SigningKey::load(folder_.path() / (key_ + ".key"))), provenance, {},
+                               trusts_ ? std::optional(trusted) : std::nullopt);
     if (!ledger) return;
     config_.pairs[0].evidence_text = measured_with_;
     auto service = Service::make(config_, std::move(*ledger), std::make_unique<test::QuietNetwork>(),
@@ -267,6 +286,8 @@ class Vehicle {
   Moment now_{1'800'000'000s, 100s};
   std::chrono::nanoseconds steady_{};
   bool full_disk_ = false;
+  std::string key_ = "signing";
+  bool trusts_ = true;  // the public key lies beside it
   std::unique_ptr<Service> service_;
   Truth truth_, snapshot_truth_;
   std::string snapshot_;

@@ -1,6 +1,8 @@
 #include "calib/signature.hpp"
 
+#include <fcntl.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <cstdlib>
 #include <fstream>
@@ -225,6 +227,41 @@ TEST_CASE("a message authentication code is of one key, one purpose and one mess
   CHECK_FALSE(key.is_mac("a purpose", "a massage", mac));
   CHECK_FALSE(key.is_mac("a purpose", "a message", mac.substr(1)));
   CHECK_FALSE(key.is_mac("a purpose", "a message", ""));
+}
+
+TEST_CASE("a secret lies in memory that is not swapped out and not written into core files, and goes with the key") {
+  // VmFlags of proc(5): `lo` locked, `dd` not in core files.
+  const auto locked_mappings = [] {
+    std::ifstream file("/proc/self/smaps");
+    int count = 0;
+    for (std::string line; std::getline(file, line);)
+      count += line.starts_with("VmFlags:") && line.find(" lo") != std::string::npos &&
+               line.find(" dd") != std::string::npos;
+    return count;
+  };
+  const int before = locked_mappings();
+  {
+    SigningKey key = SigningKey::generate();
+    CHECK(locked_mappings() == before + 1);
+    const SigningKey moved = std::move(key);
+    CHECK(locked_mappings() == before + 1);
+    CHECK(moved.mac("a purpose", "a message").size() == 64);
+  }
+  CHECK(locked_mappings() == before);
+}
+
+TEST_CASE("a key is read from an open file, too, and its public half from a word") {
+  const TemporaryFolder folder;
+  const SigningKey key = SigningKey::generate();
+  require_ok(key.save(folder.path() / "a.key"));
+  const int file = ::open((folder.path() / "a.key").c_str(), O_RDONLY);
+  for (int i = 0; i < 2; ++i) CHECK(require_ok(SigningKey::load(file, "it")).public_key() == key.public_key());
+  ::close(file);
+  CHECK(require_ok(parse_public_key(key.public_key().text())) == key.public_key());
+  CHECK(SigningKey::load(file, "it").error().code == "bad_key");
+  for (const std::string& bad :
+       {std::string(), std::string("RWQ="), key.public_key().text() + "=", "\n" + key.public_key().text()})
+    CHECK(parse_public_key(bad).error().code == "bad_key");
 }
 
 TEST_CASE("a key that was moved from holds no secret any more") {

@@ -76,9 +76,21 @@ Exit export_all(const Paths& paths, const std::filesystem::path& folder, bool as
 /// Verifies `files` (exported records, in any order), or the whole chain of the store when there are none.
 Exit verify(const Paths& paths, const std::vector<std::filesystem::path>& files, bool as_json);
 
-Exit recalibrate(const Paths& paths, const std::string& pair, bool dry_run, bool as_json);
-Exit accept(const Paths& paths, const std::string& pair, bool as_json);
-Exit roll_back(const Paths& paths, const std::string& pair, std::optional<std::uint64_t> to, bool as_json);
+// `comment` is for the record, and may be empty.
+Exit recalibrate(const Paths& paths, const std::string& pair, bool dry_run, const std::string& comment, bool as_json);
+Exit accept(const Paths& paths, const std::string& pair, const std::string& comment, bool as_json);
+Exit roll_back(const Paths& paths, const std::string& pair, std::optional<std::uint64_t> to, const std::string& comment,
+               bool as_json);
+
+struct KeyOptions {
+  std::filesystem::path file;  // secret key
+  bool lost = false;
+  std::optional<std::uint64_t> doubted_from;
+  std::string comment;
+  bool json = false;
+};
+/// Lets calibd sign with the key in `file` from now on; or, where the key before it is lost, with the one it has.
+Exit rotate_key(const Paths& paths, const KeyOptions& options);
 
 /// `2026-01-31T12:00:00Z`, `2026-01-31` (UTC), or so long before now: `90min`, `2h`, `7d`.
 [[nodiscard]] std::optional<WallTime> parse_since(std::string_view text);

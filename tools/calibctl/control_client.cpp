@@ -43,7 +43,28 @@ Result<FileDescriptor> connect_to(const std::filesystem::path& path) {
   return fail(errno == EACCES ? ErrorCode::denied : ErrorCode::failed, "calibd cannot be reached: " + why);
 }
 
-bool send_all(int socket, std::string_view line) {
+/// Sends the first byte of `line`, and a file with it.
+bool send_with_file(int socket, std::string_view line, int file) {
+  iovec part{const_cast<char*>(line.data()), 1};
+  alignas(cmsghdr) std::array<char, CMSG_SPACE(sizeof file)> control{};
+  msghdr message{};
+  message.msg_iov = &part;
+  message.msg_iovlen = 1;
+  message.msg_control = control.data();
+  message.msg_controllen = control.size();
+  cmsghdr* const rights = CMSG_FIRSTHDR(&message);
+  rights->cmsg_level = SOL_SOCKET;
+  rights->cmsg_type = SCM_RIGHTS;
+  rights->cmsg_len = CMSG_LEN(sizeof file);
+  std::memcpy(CMSG_DATA(rights), &file, sizeof file);
+  return ::sendmsg(socket, &message, MSG_NOSIGNAL) == 1;
+}
+
+bool send_all(int socket, std::string_view line, int file) {
+  if (file >= 0) {
+    if (!send_with_file(socket, line, file)) return false;
+    line.remove_prefix(1);
+  }
   while (!line.empty()) {
     const ssize_t sent = ::send(socket, line.data(), line.size(), MSG_NOSIGNAL);
     if (sent < 0 && errno != EINTR) return false;
@@ -81,10 +102,11 @@ Result<std::string> receive_line(int socket, std::chrono::seconds timeout,
 }  // namespace
 
 Result<nlohmann::json> ask(const std::filesystem::path& path, const nlohmann::json& question,
-                           std::chrono::seconds timeout, const std::function<void(std::chrono::seconds)>& waiting) {
+                           std::chrono::seconds timeout, const std::function<void(std::chrono::seconds)>& waiting,
+                           int file) {
   const auto socket = connect_to(path);
   if (!socket) return propagate(socket);
-  if (!send_all(socket->number, question.dump() + '\n'))
+  if (!send_all(socket->number, question.dump() + '\n', file))
     return fail(ErrorCode::no_answer, std::string("calibd closed the connection: ") + std::strerror(errno));
   const auto line = receive_line(socket->number, timeout, waiting);
   if (!line) return propagate(line);

@@ -59,7 +59,8 @@ struct CommandLine {
   ExplainOptions explain;
   ImportOptions import_options;
   ExportOptions export_options;
-  std::string pair;
+  KeyOptions new_key;
+  std::string pair, comment;
   bool dry_run = false, all_records = false, json = false;
   std::optional<std::uint64_t> roll_back_to;
   std::vector<std::filesystem::path> files;
@@ -256,16 +257,16 @@ void CommandLine::add_records() {
 
 void CommandLine::add_requests() {
   auto* const again = subcommand("recalibrate", "Recalibrate a pair now, from its last good frames",
-                                 [this] { return recalibrate(paths, pair, dry_run, json); });
+                                 [this] { return recalibrate(paths, pair, dry_run, comment, json); });
   add_json(again);
   again->add_option("PAIR", pair)->required();
   again->add_flag("--dry-run", dry_run, "Decide, but change nothing");
   auto* const yes = subcommand("accept", "Put the proposed extrinsic of a pair in force",
-                               [this] { return accept(paths, pair, json); });
+                               [this] { return accept(paths, pair, comment, json); });
   add_json(yes);
   yes->add_option("PAIR", pair)->required();
   auto* const back = subcommand("rollback", "Put an earlier extrinsic of a pair in force again",
-                                [this] { return roll_back(paths, pair, roll_back_to, json); });
+                                [this] { return roll_back(paths, pair, roll_back_to, comment, json); });
   add_json(back);
   back->add_option("PAIR", pair)->required();
   auto* const anew = subcommand("reload", "Let calibd read its configuration again, as far as nothing is lost by that",
@@ -273,6 +274,19 @@ void CommandLine::add_requests() {
   anew->add_flag("--json", json, "Print JSON as defined by reload.schema.json");
   back->add_option("--to", roll_back_to, "Record of that extrinsic; the one before the present one if not given")
       ->check(CLI::PositiveNumber);
+  auto* const rotate = subcommand("rotate-key", "Let another key sign the records from now on",
+                                  [this] { return rotate_key(paths, new_key); });
+  auto* const file = rotate->add_option("FILE", new_key.file, "The next secret key, made with keygen");
+  auto* const lost = rotate->add_flag("--lost", new_key.lost, "The key before is lost; calibd has the next one already")
+                         ->excludes(file);
+  rotate->add_option("--doubt-from", new_key.doubted_from, "Somebody else may have signed from this record on")
+      ->check(CLI::PositiveNumber);
+  rotate->parse_complete_callback([file, lost] {
+    if (file->count() + lost->count() == 0) throw CLI::RequiredError("FILE or --lost");
+  });
+  rotate->add_flag("--json", new_key.json, "Print JSON as defined by calibctl.schema.json");
+  rotate->add_option("--comment", new_key.comment, "Why, for the record");
+  for (CLI::App* const each : {again, yes, back}) each->add_option("--comment", comment, "Why, for the record");
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 
 #include "calib/file.hpp"
 #include "commands.hpp"
+#include "exported_records.hpp"
 #include "stored_records.hpp"
 #include "table.hpp"
 #include "text.hpp"
@@ -37,16 +38,17 @@ std::string to_the_second(WallTime time) {
 void history_row(Table& table, const CalibrationRecord& record) {
   constexpr std::size_t widest_pair = 18, widest_client = 16;
   const RigidTransform by = change(record);
-  table.row(
-      {{std::to_string(record.sequence)},
-       {to_the_second(record.wall_time)},
-       {cut(record.pair, widest_pair)},
-       {std::string(to_string(record.decision))},
-       {record.decision == Decision::baseline ? "-"
-                                              : decimals(rotation_angle_rad(by) / radians_per_degree, 2) + " deg, " +
-                                                    decimals(by.translation().norm() * 100, 1) + " cm"},
-       {cut(record.asked_by, widest_client)}});
+  table.row({{std::to_string(record.sequence)},
+             {to_the_second(record.wall_time)},
+             {record.key_change ? "-" : cut(record.pair, widest_pair)},
+             {std::string(to_string(record.decision))},
+             {record.decision == Decision::baseline || record.key_change
+                  ? "-"
+                  : decimals(rotation_angle_rad(by) / radians_per_degree, 2) + " deg, " +
+                        decimals(by.translation().norm() * 100, 1) + " cm"},
+             {cut(record.asked_by, widest_client)}});
   table.detail(record.reason);
+  if (!record.comment.text.empty()) table.detail('"' + record.comment.text + '"');
 }
 
 nlohmann::json history_json(const Chain& chain, const std::string& pair) {
@@ -92,19 +94,30 @@ void baseline_lines(Text& text, const CalibrationRecord::Baseline& baseline) {
   }
 }
 
-std::string record_text(const CalibrationRecord& record, const PublicKey& key) {
+void key_lines(Text& text, const KeyChange& change) {
+  text.line("Key before", change.previous.id_text() + ", public key " + change.previous.text() +
+                              (change.previous_lost ? ", lost" : ""));
+  text.line("Next key", change.next.id_text() + ", public key " + change.next.text());
+  if (change.doubted_from)
+    text.line("Doubted", "records of the key before, from " + std::to_string(*change.doubted_from) + " on");
+}
+
+std::string record_text(const CalibrationRecord& record, const std::string& key_id) {
   Text text(false);
-  text.line("Record", std::to_string(record.sequence) + ", verified, key " + key.id_text());
+  text.line("Record", std::to_string(record.sequence) + ", verified, key " + key_id);
   text.line("Vehicle", record.vehicle);
-  text.line("Pair", record.pair);
+  if (!record.key_change) text.line("Pair", record.pair);
   text.line("Decision", to_string(record.decision));
   text.line("Reason", record.reason);
-  text.line("Asked by", record.asked_by);
+  text.line("Asked by", record.asked_by + (record.comment.login.empty() ? "" : ", login " + record.comment.login));
+  if (!record.comment.text.empty()) text.line("Comment", record.comment.text);
   text.line("Decided", rfc3339(record.wall_time));
   text.line("",
             decimals(std::chrono::duration<double>(record.boot_time).count(), 3) + " s after boot " + record.boot_id);
-  text.transform("Extrinsic", record.T_camera_lidar);
-  if (record.baseline) {
+  if (!record.key_change) text.transform("Extrinsic", record.T_camera_lidar);
+  if (record.key_change) {
+    key_lines(text, *record.key_change);
+  } else if (record.baseline) {
     baseline_lines(text, *record.baseline);
   } else {
     text.transform("Before", record.T_camera_lidar_before);
@@ -116,15 +129,12 @@ std::string record_text(const CalibrationRecord& record, const PublicKey& key) {
     text.line("Score", score_words(record.score->before, record.score->after));
     text.line("Held back", score_words(record.score->held_back_before, record.score->held_back_after));
   }
-  text.line("Frames", std::to_string(record.frame_stamps_ns.size()));
+  if (!record.key_change) text.line("Frames", std::to_string(record.frame_stamps_ns.size()));
   text.line("Software", record.software_version + ", SHA-256 " + record.software_sha256);
   text.line("Configuration", "SHA-256 " + record.configuration_sha256);
   text.line("Record before", "SHA-256 " + record.previous_sha256);
   return text.str();
 }
-
-/// Bytes; larger than any record and any signature.
-constexpr std::uint64_t largest_export = 2 << 20;
 
 /// Never replaces a file. Succeeds if the file exists with these bytes.
 Result<void> write_new(const std::filesystem::path& file, std::string_view bytes) {
@@ -148,32 +158,10 @@ Result<void> export_record(const VerifiedRecord& shown, const std::filesystem::p
   return write_new(file.string() + ".minisig", shown.bytes.signature);
 }
 
-Result<std::string> read_text_file(const std::filesystem::path& file) {
-  auto text = read_regular_file(file, largest_export);
-  if (text) return text;
-  return fail(text.error().code == ErrorCode::file_too_large ? ErrorCode::malformed_record : ErrorCode::not_found,
-              text.error().context);
-}
-
-/// A record with a valid signature. Its position in the chain is not checked.
-Result<VerifiedRecord> read_exported(const std::filesystem::path& file, const PublicKey& key) {
-  const auto canonical = read_text_file(file);
-  if (!canonical) return propagate(canonical);
-  const auto signature = read_text_file(file.string() + ".minisig");
-  if (!signature) return propagate(signature);
-  const auto record = verify_signature(*canonical, *signature, key).and_then([&] { return parse_record(*canonical); });
-  if (!record) return fail(record.error().code, file.string() + " does not verify: " + record.error().context);
-  return VerifiedRecord{*record, {*canonical, *signature}};
-}
-
 Exit verify_files(const std::vector<std::filesystem::path>& files, const PublicKey& key, bool as_json) {
-  std::vector<VerifiedRecord> records;
-  for (const auto& file : files) {
-    if (file.extension() == ".minisig") continue;  // looked up beside its record
-    auto record = read_exported(file, key);
-    if (!record) return print_error(record.error());
-    records.push_back(std::move(*record));
-  }
+  auto exported = read_exported(files, key);
+  if (!exported) return print_error(exported.error());
+  std::vector<VerifiedRecord>& records = *exported;
   if (records.empty()) return print_error({ErrorCode::bad_request, "name at least one exported record, NNNNNN.json"});
   std::ranges::sort(records, {}, [](const VerifiedRecord& record) { return record.record.sequence; });
   std::uint64_t links = 0;
@@ -239,7 +227,7 @@ Exit show(const Paths& paths, const ShowOptions& options) {
   if (options.json)
     std::cout << nlohmann::json::parse(shown.bytes.canonical).dump(2, ' ', /*ensure_ascii=*/true) << '\n';
   else
-    std::cout << record_text(shown.record, chain->key);
+    std::cout << record_text(shown.record, chain->key_id(shown.record.sequence));
   return Exit::done;
 }
 
@@ -256,8 +244,7 @@ Exit export_all(const Paths& paths, const std::filesystem::path& folder, bool as
                             {"folder", folder.string()}},
                            2);
   else
-    std::cout << counted(chain->verified.size(), "record") << " verified and exported, key " << chain->key.id_text()
-              << '\n';
+    std::cout << counted(chain->verified.size(), "record") << " verified and exported, " << chain->keys() << '\n';
   return chain->broken ? print_error(*chain->broken) : Exit::done;
 }
 
@@ -273,7 +260,7 @@ Exit verify(const Paths& paths, const std::vector<std::filesystem::path>& files,
     std::cout << json_text({{"schema", 1}, {"key", chain->key.id_text()}, {"verified", chain->stored}}, 2);
     return Exit::done;
   }
-  std::cout << counted(chain->stored, "record") << " verified, key " << chain->key.id_text() << "; chain unbroken\n";
+  std::cout << counted(chain->stored, "record") << " verified, " << chain->keys() << "; chain unbroken\n";
   return Exit::done;
 }
 

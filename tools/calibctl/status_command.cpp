@@ -31,7 +31,8 @@ Exit exit_of(const Report& report, bool by_verdict) {
   if (!report.status.running) return Exit::not_found;
   const bool calibrated =
       std::ranges::all_of(report.status.pairs, [](const auto& pair) { return pair.verdict == Verdict::calibrated; });
-  return by_verdict && (!calibrated || report.status.pairs.empty()) ? Exit::no : Exit::done;
+  const bool well = calibrated && !report.status.pairs.empty() && !report.status.signing_refused;
+  return by_verdict && !well ? Exit::no : Exit::done;
 }
 
 std::string shown(const Result<Report>& report, const StatusOptions& options) {

@@ -134,6 +134,7 @@ std::string head_text(const Status& status, std::optional<double> snapshot_age_s
   else
     text.line("Daemon", "running for " + duration(status.uptime_s) + ", version " + status.version);
   text.line("Alerts waiting", std::to_string(status.feed_queued));
+  if (status.signing_refused) text.wrapped("SIGNING", "REFUSED: " + *status.signing_refused, Colour::red);
   if (status.records_missing) text.wrapped("RECORDS MISSING", *status.records_missing, Colour::red);
   return text.str();
 }

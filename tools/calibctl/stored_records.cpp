@@ -60,9 +60,40 @@ std::optional<std::uint64_t> noted_head(const Paths& paths) {
   return head["sequence"].get<std::uint64_t>();
 }
 
+std::string numbers(std::uint64_t from, std::uint64_t to) {
+  return from == to ? "record " + std::to_string(from)
+                    : "records " + std::to_string(from) + " to " + std::to_string(to);
+}
+
 }  // namespace
 
 bool only_daemon_may_read(const Paths& paths) { return ::access(paths.store().c_str(), R_OK) != 0 && errno == EACCES; }
+
+std::string Chain::key_id(std::uint64_t sequence) const {
+  // Where the chain breaks later, the verified records themselves say which key follows.
+  PublicKey valid = periods.empty() ? key : periods.front().key;
+  for (const Link& link : verified) {
+    const auto& change = link.record.key_change;
+    if (!change) continue;
+    if (link.record.sequence == sequence && change->previous_lost) return change->next.id_text();
+    if (link.record.sequence >= sequence) return change->previous.id_text();
+    valid = change->next;
+  }
+  return valid.id_text();
+}
+
+std::string Chain::keys() const {
+  if (periods.size() < 2) return "key " + (periods.empty() ? key : periods.front().key).id_text();
+  std::string text = "keys";
+  for (const KeyPeriod& period : periods) {
+    const std::uint64_t last = period.until.value_or(stored);
+    text += (&period == &periods.front() ? " " : ", ") + period.key.id_text();
+    text += period.from > last ? " (from the next record on)" : " (" + numbers(period.from, last) + ")";
+    if (period.doubted_from)
+      text += " REVOKED: " + numbers(*period.doubted_from, *period.until - 1) + " may be of somebody else";
+  }
+  return text;
+}
 
 Result<Chain> read_chain(const Paths& paths) {
   const auto last = noted_head(paths);  // before the store: the chain may grow meanwhile
@@ -70,7 +101,7 @@ Result<Chain> read_chain(const Paths& paths) {
   if (!stored) return propagate(stored);
   const auto key = load_public_key(paths.public_key);
   if (!key) return propagate(key);
-  Chain chain{*key, {}, stored->size(), std::nullopt};
+  Chain chain{.key = *key, .stored = stored->size()};
   const auto record_of = [&](std::uint64_t sequence) -> Result<SignedRecord> {
     const SignedRecord& record = (*stored)[sequence - 1];
     if (record.canonical.empty())
@@ -81,6 +112,7 @@ Result<Chain> read_chain(const Paths& paths) {
       visit_verified(chain.stored, record_of, *key, [&](const CalibrationRecord& record, const SignedRecord& bytes) {
         chain.verified.push_back({record, bytes});
       });
+  if (all) chain.periods = *all;
   if (!all)
     chain.broken = all.error();
   else if (last && *last > chain.stored)

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <cstdint>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "calib/store.hpp"
@@ -14,10 +16,16 @@ struct Chain {
     CalibrationRecord record;
     SignedRecord bytes;
   };
-  PublicKey key;
-  std::vector<Link> verified;
+  PublicKey key;                     // that is trusted
+  std::vector<KeyPeriod> periods{};  // of an unbroken chain
+  std::vector<Link> verified{};
   std::uint64_t stored = 0;
-  std::optional<Error> broken;
+  std::optional<Error> broken{};
+
+  /// Of the key that has signed a verified record.
+  [[nodiscard]] std::string key_id(std::uint64_t sequence) const;
+  /// `key A`, or `keys A (records 1 to 5) and B (records 6 to 9)`.
+  [[nodiscard]] std::string keys() const;
 };
 
 /// Whether this user lacks the permission to read the store.

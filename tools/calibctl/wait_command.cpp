@@ -49,7 +49,7 @@ bool is_reached(WaitFor what, Report& report, const std::vector<Seen>& first, co
   };
   switch (what) {
     case WaitFor::calibrated:
-      if (pairs.empty() ||
+      if (pairs.empty() || report.status.signing_refused ||
           !std::ranges::all_of(pairs, [](const auto& pair) { return pair.verdict == Verdict::calibrated; }))
         return false;
       check(report, paths);
@@ -127,6 +127,7 @@ Exit wait(const Paths& paths, const WaitOptions& options) {
       if (!first) first = seen_in(*report);
       reached = is_reached(options.what, *report, *first, paths);
       trouble = verdicts_of(*report);
+      if (report->status.signing_refused) trouble += ", but signing is refused: " + *report->status.signing_refused;
       if (!records_verify(*report)) trouble += ", but its record does not verify";
       last = std::move(*report);
     } else {

@@ -23,6 +23,29 @@ enum class Decision {
   rejected,     // computed, a gate said no; the extrinsic before it stays in force
   rolled_back,  // an earlier record's extrinsic, in force again
   baseline,     // the baseline of the extrinsic in force was learned; that extrinsic stays in force
+  key_changed,  // nothing about an extrinsic: another key signs from the next record on
+};
+
+/// That another key signs all records after this one. The record itself is signed with both keys: with the previous
+/// one, so that nobody else can name a successor; and with the next one, so that it is there, and nobody can name a key
+/// that is not theirs.
+struct KeyChange {
+  PublicKey previous, next;
+  /// The previous key was not at hand: the record is signed with the next one alone. Only who trusts that one, or one
+  /// after it, believes the record.
+  bool previous_lost = false;
+  /// Somebody else may have had the previous key: its records from this number on may be theirs.
+  std::optional<std::uint64_t> doubted_from;
+};
+
+/// What a person had to say to a request.
+struct Comment {
+  /// As `check_comment` lets it pass; empty where nothing was said.
+  std::string text;
+  /// The login of that person, which sudo does not change: `uid:<number>` as the kernel told it, or
+  /// `client:uid:<number>` as the person's program told it; empty where neither is known. Only with a text, or of a
+  /// change of keys.
+  std::string login;
 };
 
 /// One signed decision about a pair's extrinsic. The text of the format is proto/record.md.
@@ -38,6 +61,7 @@ struct CalibrationRecord {
   std::string reason;
   /// `calibd`, `configuration` or `uid:<number>` of the person at the control socket.
   std::string asked_by;
+  Comment comment;
   /// The extrinsic that this record is about: in force after it, unless proposed or rejected. Of a baseline, in force
   /// before it too.
   RigidTransform T_camera_lidar = RigidTransform::Identity();
@@ -68,6 +92,8 @@ struct CalibrationRecord {
     double score = 0, score_deviation = 0;
   };
   std::optional<Baseline> baseline;
+  /// Of decision `key_changed`, and of no other. Such a record has no pair, and nothing that belongs to one.
+  std::optional<KeyChange> key_change;
   /// Sensor time stamps (nanoseconds) of the images used, fit and held back.
   std::vector<std::int64_t> frame_stamps_ns;
   /// SHA-256 (lower-case hex) of the configuration file's bytes and of the program's build id.
@@ -105,10 +131,17 @@ inline constexpr std::string_view no_previous_sha256 =
 /// type, or bytes that are not in canonical form.
 [[nodiscard]] Result<CalibrationRecord> parse_record(std::string_view canonical);
 
+/// Bytes of a comment.
+inline constexpr std::size_t longest_comment = 1000;
+/// Whether a comment is 1 to `longest_comment` bytes of UTF-8 without control characters. Fails with `bad_request`.
+[[nodiscard]] Result<void> check_comment(std::string_view comment);
+
 /// The name of an exported record, `000012.json`; its signature is beside it with `.minisig` added.
 [[nodiscard]] std::string record_file_name(std::uint64_t sequence);
 
-/// A record as it is kept: canonical bytes and the minisign signature file over them.
+/// A record as it is kept: canonical bytes and the minisign signature file over them. A record of decision
+/// `key_changed` has two signature files over the same bytes, one after the other: of the previous key, unless that is
+/// lost, and of the next one.
 struct SignedRecord {
   std::string canonical;
   std::string signature;
@@ -117,12 +150,20 @@ struct SignedRecord {
 /// Fails with `malformed_record` when the record holds what could not be read back, e.g. a number that is not
 /// finite.
 [[nodiscard]] Result<SignedRecord> sign_record(const CalibrationRecord& record, const SigningKey& key);
+/// One of decision `key_changed`; `previous` is null where that key is lost. Fails as `sign_record`.
+[[nodiscard]] Result<SignedRecord> sign_key_change(const CalibrationRecord& record, const SigningKey* previous,
+                                                   const SigningKey& next);
 
-/// The record, when `key` signed exactly these bytes and it names the same sequence and predecessor.
+/// The record, when `key` alone signed exactly these bytes and it names the same sequence and predecessor.
 /// `expected_previous_sha256` is `sha256_hex` of the record before it, or 64 zeros. Fails with
-/// `bad_signature`, `wrong_key` ("signed by X, you have Y"), `broken_chain` or `malformed_record`.
+/// `bad_signature`, `wrong_key` ("signed by X, you have Y"), `broken_chain` or `malformed_record`. A change of keys is
+/// for `ChainVerifier`, and fails with `broken_chain`.
 [[nodiscard]] Result<CalibrationRecord> verify_record(const SignedRecord& record, const PublicKey& key,
                                                       std::string_view expected_previous_sha256,
                                                       std::uint64_t expected_sequence);
+/// The record of these bytes, when it names this sequence and predecessor; whoever signed it.
+[[nodiscard]] Result<CalibrationRecord> parse_link(std::string_view canonical,
+                                                   std::string_view expected_previous_sha256,
+                                                   std::uint64_t expected_sequence);
 
 }  // namespace calib

@@ -3,6 +3,7 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <string>
 #include <string_view>
 
@@ -17,15 +18,21 @@ struct PublicKey {
   std::array<std::uint8_t, 8> id{};
   std::array<std::uint8_t, 32> key{};
   [[nodiscard]] std::string id_text() const;
+  /// One word of base64 with id and key: the second line of a public key file, and what `minisign -P` takes.
+  [[nodiscard]] std::string text() const;
+  friend bool operator==(const PublicKey&, const PublicKey&) = default;
 };
 
-/// Wiped from memory when destroyed.
+/// Its secret half lies in a memory page of its own, which is not swapped out, not written into core files, has no
+/// neighbours within reach of an overrun, and is wiped when the key is destroyed.
 class SigningKey {
  public:
   [[nodiscard]] static SigningKey generate();
   /// Reads an unencrypted minisign secret key (`minisign -G -W` or `calibctl keygen`).
   /// Fails with `key_not_found`, `key_permissions` (open to every user) or `bad_key`.
   [[nodiscard]] static Result<SigningKey> load(const std::filesystem::path& file);
+  /// The same of an open file, which stays open; `name` is for errors.
+  [[nodiscard]] static Result<SigningKey> load(int file, const std::string& name);
   /// Writes FILE (mode 0600) and the public key beside it (FILE with .pub for its extension, mode 0644);
   /// never overwrites. Fails with `key_exists`, `bad_name` (FILE already ends in .pub) or `key_not_written`.
   [[nodiscard]] Result<void> save(const std::filesystem::path& file) const;
@@ -39,17 +46,19 @@ class SigningKey {
   [[nodiscard]] std::string mac(std::string_view purpose, std::string_view bytes) const;
   [[nodiscard]] bool is_mac(std::string_view purpose, std::string_view bytes, std::string_view mac) const;
 
-  SigningKey(SigningKey&&) noexcept;
-  SigningKey& operator=(SigningKey&&) noexcept;
-  SigningKey(const SigningKey&) = delete;
-  SigningKey& operator=(const SigningKey&) = delete;
-  ~SigningKey();
-
  private:
-  SigningKey() = default;
+  /// Frees memory that libsodium has locked.
+  struct Wipe {
+    void operator()(std::uint8_t* bytes) const;
+  };
+
+  SigningKey();
   std::array<std::uint8_t, 8> id_{};
-  std::array<std::uint8_t, 64> secret_{};
+  std::unique_ptr<std::uint8_t[], Wipe> secret_;
 };
+
+/// Of `PublicKey::text`. Fails with `bad_key`.
+[[nodiscard]] Result<PublicKey> parse_public_key(std::string_view text);
 
 /// Reads a minisign public key file. Fails with `key_not_found` or `bad_key`.
 [[nodiscard]] Result<PublicKey> load_public_key(const std::filesystem::path& file);

@@ -94,7 +94,10 @@ struct Status {
   std::vector<PairStatus> pairs;
   std::uint64_t feed_queued = 0;
   /// Records that calibd has written and that are no longer in the store, in words.
-  std::optional<std::string> records_missing;
+  std::optional<std::string> records_missing{};
+  /// Why calibd signs no records, with the remedy: its key is not the one with which the chain ends. Nothing is well
+  /// then, whatever the verdicts are.
+  std::optional<std::string> signing_refused{};
 };
 
 /// Applies `claim` to each pair at `now`: to be done whenever a status is shown that was collected before.

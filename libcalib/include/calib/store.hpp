@@ -9,7 +9,7 @@
 #include <string_view>
 #include <vector>
 
-#include "calib/record.hpp"
+#include "calib/chain.hpp"
 
 struct sqlite3;
 
@@ -101,14 +101,7 @@ class Store {
   std::uint64_t log_inode_ = 0;  // of the write-ahead log
 };
 
-/// Shows `visit` records 1 to `count`, which `record` gives, oldest first, each once it is verified against `key` and
-/// its predecessor. Fails at the first that does not verify or is missing, naming its sequence; those before it have
-/// been shown.
-[[nodiscard]] Result<void> visit_verified(
-    std::uint64_t count, const std::function<Result<SignedRecord>(std::uint64_t sequence)>& record,
-    const PublicKey& key, const std::function<void(const CalibrationRecord&, const SignedRecord&)>& visit);
-
-/// Those of a store as a list, or the failure alone.
+/// The verified records of a store as a list, as `visit_verified`, or the failure alone.
 [[nodiscard]] Result<std::vector<CalibrationRecord>> verified_history(const Store& store, const PublicKey& key);
 
 }  // namespace calib
