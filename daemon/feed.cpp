@@ -105,14 +105,23 @@ Result<void> Feed::restore(const Writer& writer) {
 Result<void> Feed::adopt_alerts(const Writer& writer) {
   const auto rows = writer.store.waiting_events(0, Store::max_waiting_events);
   if (!rows) return propagate(rows);
-  if (rows->empty()) return {};
+  const auto next = writer.store.next_event_sequence();
+  if (!next) return propagate(next);
+  if (*next == 1) return {};
+  const auto is_earlier = [](const Store::Event& row) { return row.priority == Store::Priority::unsent_alert; };
+  if (rows->empty() || !std::ranges::all_of(*rows, is_earlier))
+    return tell_trouble(writer, "what was told before is missing from the store");
   memory_.last = rows->front().sequence - 1;
   for (const Store::Event& row : *rows) {
     const auto alert = parse_alert(row.json);
     const FeedPlace place{writer.vehicle, row.sequence, memory_.last, writer.now + alert_lifetime};
-    FeedEvent event = alert ? verdict_event(*alert, record_of(writer.store, alert->record_sequence), 0)
-                            : trouble_event(alert.error().context, writer.now);
-    if (alert)
+    // Nobody has signed that text: it may warn, and clears nothing.
+    const bool warns = alert && alert->verdict != Verdict::calibrated;
+    FeedEvent event = warns ? verdict_event(*alert, record_of(writer.store, alert->record_sequence), 0)
+                            : trouble_event(alert ? "an alert of an earlier calibd, not signed: " + alert->reason
+                                                  : alert.error().context,
+                                            writer.now);
+    if (warns)
       memory_.pairs[alert->pair] = {std::string(told_word(alert->verdict)), alert->record_sequence, writer.now};
     if (auto replaced = writer.store.replace_event(
             {row.sequence, Store::Priority::alert, place.expires, event_text(std::move(event), place, writer.key)});

@@ -45,6 +45,11 @@ class Feed {
   [[nodiscard]] bool held_is_due(WallTime now) const;
   [[nodiscard]] bool unavailable_is_due(std::string_view pair, std::chrono::nanoseconds without_verdict) const;
   [[nodiscard]] bool is_news(const std::string& trouble) const { return trouble != memory_.trouble; }
+  /// Whether nothing was told of the pair, as far as is known.
+  [[nodiscard]] bool is_untold(std::string_view pair) const {
+    const auto told = memory_.pairs.find(pair);
+    return told == memory_.pairs.end() || told->second.word.empty();
+  }
   /// Once a day.
   [[nodiscard]] bool state_is_due(WallTime now) const;
 

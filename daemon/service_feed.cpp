@@ -7,13 +7,19 @@
 namespace calib {
 namespace {
 
-DriftAlert without_verdict(const std::string& vehicle, const PairStatus& pair, WallTime now) {
+/// Of what a status shows; without a verdict, there is no estimate either.
+DriftAlert alert_of(const std::string& vehicle, const PairStatus& pair, WallTime now) {
   DriftAlert alert;
   alert.stamp = now;
   alert.vehicle = vehicle;
   alert.pair = pair.name;
+  alert.verdict = pair.verdict;
   alert.reason = pair.reason;
   alert.misalignment.sigma.setConstant(std::numeric_limits<double>::infinity());
+  if (pair.misalignment && pair.verdict != Verdict::not_evaluated) {
+    alert.misalignment.delta = pair.misalignment->delta;
+    alert.misalignment.sigma = pair.misalignment->sigma;
+  }
   if (pair.record) alert.record_sequence = pair.record->sequence;
   return alert;
 }
@@ -38,12 +44,17 @@ void Service::tell_fleet(const Status& status) {
   for (const PairStatus& pair : status.pairs) {
     if (pair.verdict != Verdict::not_evaluated) {
       without_verdict_since_.erase(pair.name);
+      // What was found while nothing could be signed is told now.
+      if (pair.verdict != Verdict::calibrated && ledger_.feed().is_untold(pair.name))
+        tell([&](Feed& feed, const auto& writer) {
+          return feed.tell(writer, alert_of(config_.vehicle, pair, time.wall));
+        });
       continue;
     }
     const auto since = without_verdict_since_.try_emplace(pair.name, time.since_boot).first->second;
     if (ledger_.feed().unavailable_is_due(pair.name, time.since_boot - since))
       tell([&](Feed& feed, const auto& writer) {
-        return feed.tell_unavailable(writer, without_verdict(config_.vehicle, pair, time.wall));
+        return feed.tell_unavailable(writer, alert_of(config_.vehicle, pair, time.wall));
       });
   }
 
@@ -75,6 +86,8 @@ Result<FeedPage> Service::events(std::uint64_t after, std::size_t limit) const {
   const auto waiting = store->waiting_event_count();
   auto events = store->waiting_events(after, limit);
   if (!waiting || !events) return fail(ErrorCode::failed, (waiting ? events.error() : waiting.error()).context);
+  // What a store of schema 1 has left is no event before it is signed.
+  std::erase_if(*events, [](const Store::Event& event) { return event.priority == Store::Priority::unsent_alert; });
   return FeedPage{config_.vehicle, run_id(), *waiting, std::move(*events)};
 }
 

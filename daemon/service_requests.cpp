@@ -75,6 +75,7 @@ Result<Answer> Service::change_key(Ledger::NewKey request) {
     // What was taken over from the configuration unsigned is signed now; what rests on doubted records is learned anew.
     PairDecision decision;
     decision.state = doubts ? pair.pipeline.without_evidence(pair.state, now(pair)) : pair.state;
+    if (doubts) decision.state->run.pairs = 0;  // nothing is claimed before a pair was evaluated anew
     if (in_force.sequence == 0) decision.record = in_force;
     if (commit(pair, decision)) publish(pair, decision);
   }

@@ -15,7 +15,7 @@ using nlohmann::json;
 /// As many events are held here, of 2 kB each.
 constexpr std::size_t most_events = 300;
 constexpr std::size_t fetched_at_once = 100;
-constexpr auto between_failures = 1s;
+constexpr auto between_failures = 1s, between_acknowledgements = 10s;
 /// calibd holds a reply for 30 s, and an acknowledgement for as long as a step of it takes.
 constexpr auto longest_reply = 60s, longest_acknowledgement = 600s;
 
@@ -41,6 +41,8 @@ void Delivery::calibd_failed(const Error& error) {
   figures_.calibd_answers = false;
   // What it says next may be of another store.
   begin_anew_ = true;
+  feed_.cancel();  // it may ask for what follows events that are forgotten now
+  acknowledgement_.cancel();
   next_fetch_ = Clock::now() + between_failures;
   if (mqtt_) mqtt_->say_calibd_answers(false);
   if (std::exchange(failure_logged_, error.context) != error.context)
@@ -71,7 +73,12 @@ void Delivery::fetch() {
 
 void Delivery::take(const json& reply) try {
   const std::string vehicle = reply.at("vehicle").get<std::string>();
+  if (!begin_anew_ && !vehicle.empty() && reply.at("run") != run_)
+    return calibd_failed({ErrorCode::failed, "calibd was started again"});
   if (begin_anew_) {
+    // Topics, will and name of the connection are those of the vehicle.
+    if (mqtt_ && !vehicle.empty() && vehicle != vehicle_) mqtt_.reset(), connection_ = 0;
+    if (!vehicle.empty()) vehicle_ = vehicle;
     log(6, "calibd of vehicle " + vehicle + " answers, " + reply.at("waiting").dump() + " events wait");
     events_.clear();
     fetched_ = in_file_ = in_broker_ = in_mqtt_ = published_ = acknowledged_ = asked_ = 0;
@@ -169,8 +176,13 @@ void Delivery::acknowledge() {
         acknowledged_ = std::max(acknowledged_, asked_);
         figures_.waiting = (*reply)->value("waiting", figures_.waiting);
         figures_.acknowledged_at = std::time(nullptr);
+      } else if (const Error& error = reply->error();
+                 error.code == ErrorCode::failed || error.code == ErrorCode::denied) {
+        // calibd is there, and so are its events: only this is asked again.
+        next_acknowledgement_ = Clock::now() + between_acknowledgements;
+        if (std::exchange(failure_logged_, error.context) != error.context) log(4, error.context);
       } else {
-        calibd_failed(reply->error());
+        calibd_failed(error);
       }
     }
   const auto all_have = [&](std::uint64_t sequence) {
@@ -180,7 +192,8 @@ void Delivery::acknowledge() {
   std::uint64_t received = fetched_;
   if (file_) received = std::min(received, in_file_);
   if (config_.mqtt) received = std::min(received, in_mqtt_);
-  if (received <= acknowledged_ || acknowledgement_.is_waiting() || begin_anew_) return;
+  if (received <= acknowledged_ || acknowledgement_.is_waiting() || begin_anew_ || Clock::now() < next_acknowledgement_)
+    return;
   asked_ = received;
   const auto sent = acknowledgement_.send(
       {{"schema", 1}, {"request", "acknowledge"}, {"through", asked_}, {"run", run_}}, longest_acknowledgement);

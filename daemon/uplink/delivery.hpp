@@ -57,8 +57,9 @@ class Delivery {
   std::uint64_t connection_ = 0;
   std::uint64_t acknowledged_ = 0, asked_ = 0;
   bool begin_anew_ = true;
-  Clock::time_point next_fetch_, next_file_;
+  Clock::time_point next_fetch_, next_file_, next_acknowledgement_;
   std::string run_;  // of calibd, whose numbers these are
+  std::string vehicle_;
   std::string failure_logged_, mqtt_failure_logged_;
   Figures figures_;
 };

@@ -131,6 +131,7 @@ std::string MqttSink::connect_once() {
   // libmosquitto calls back when it leaves, and locks nothing of ours then.
   mosquitto_disconnect(client.get());
   const std::lock_guard lock(mutex_);
+  if (!refusal_.empty()) is_proven_ = false;  // what it took before is no reason to come back at once
   // A broker that knows no MQTT 5 refuses it, or closes the connection without a word.
   if (connection_ == 0 && config_.version == MqttVersion::automatic) uses_v5_ = !uses_v5_;
   client_ = nullptr;

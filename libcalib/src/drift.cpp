@@ -73,9 +73,13 @@ DriftSettings usual_drift_settings(bool monocular_depth) {
 
 DriftMonitor::DriftMonitor(const DriftSettings& settings, DriftState state)
     : settings_(settings), state_(std::move(state)) {
-  // A verdict stands on the baseline that it was made with, also where the settings ask for a larger one since.
-  if (state_.verdict == DriftVerdict::calibrated || state_.verdict == DriftVerdict::insufficient_power)
+  // A verdict stands on the baseline that it was made with, also where the settings ask for another one since. Pairs
+  // that are not learned have come after a baseline; a verdict of drift without them is one from the start.
+  if (state_.verdict == DriftVerdict::calibrated || state_.verdict == DriftVerdict::insufficient_power ||
+      state_.unlearned > 0)
     settings_.baseline_pairs = std::min(settings_.baseline_pairs, std::max(2, state_.baseline.pairs));
+  else if (speaks_of_drift(state_.verdict))
+    settings_.baseline_pairs = std::max(settings_.baseline_pairs, state_.baseline.pairs + 1);
   const auto limit = [&](std::size_t chart, std::size_t charts, double share_of_alarms) {
     return cusum_limit(own_references[chart],
                        static_cast<double>(sequences * charts) / (share_of_alarms * settings_.false_alarms_per_pair));
@@ -83,10 +87,15 @@ DriftMonitor::DriftMonitor(const DriftSettings& settings, DriftState state)
   for (std::size_t chart = 0; chart < quick_charts; ++chart)
     limits_.push_back(limit(chart, quick_charts, 1 - slow_share));
   // A shift of twice a chart's reference value takes its limit over its reference value: some find nothing in time.
+  // What a verdict of drift may stand on stays in use, also where there is less time since.
+  std::size_t needed = 0;
+  for (const auto& [positive, negative] : state_.charts)
+    for (std::size_t chart = 0; speaks_of_drift(state_.verdict) && chart < most_charts; ++chart)
+      if (positive[chart].sum > 0 || negative[chart].sum > 0) needed = std::max(needed, chart + 1);
   constexpr std::size_t most_slow = most_charts - quick_charts;
   for (std::size_t chart = quick_charts; chart < most_charts; ++chart)
     if (const double slow = limit(chart, most_slow, slow_share);
-        slow / own_references[chart] <= settings_.pairs_to_detect)
+        slow / own_references[chart] <= settings_.pairs_to_detect || chart < needed)
       limits_.push_back(slow);
   // What is not in use now may be again, long after.
   for (auto& [positive, negative] : state_.charts)
@@ -302,14 +311,14 @@ std::string DriftMonitor::reason(const std::optional<Misalignment>& found) const
 std::string DriftMonitor::first_look() const {
   const DriftBaseline& seen = state_.baseline;
   if (seen.pairs < least_start_pairs) return "";
-  double farthest = 0;
+  Eigen::Vector3d farthest;
   for (int axis = 0; axis < 3; ++axis) {
     if (!seen.observable(axis)) return "";
     const double error = seen.spread(axis) / std::sqrt(seen.pairs);
-    farthest = std::max(farthest, (std::abs(seen.slope[axis]) + 2 * error) / seen.sensitivity(axis, axis));
+    farthest[axis] = (std::abs(seen.slope[axis]) + 2 * error) / seen.sensitivity(axis, axis);
   }
   return fmt::format("; so far the best extrinsic is within {:.1f} degrees of it, which is no verdict",
-                     std::ceil(10 * farthest / radians_per_degree) / 10);
+                     std::ceil(10 * farthest.norm() / radians_per_degree) / 10);
 }
 
 /// The rotation with the largest detection limit, in words.

@@ -53,15 +53,17 @@ calibd_package(calibd-tools net "calibd (= ${same_version}), python3" "calibd-on
 on recordings of ROS 2, KITTI or nuScenes. calib-sim and calib-replay are a
 simulated and a recorded vehicle. calib-check-model examines a depth network.")
 if(TARGET calib-uplink)
-  calibd_package(calibd-uplink net "calibd (= ${same_version})" "" "bring calibd's records to a fleet's server"
-    "It sends the signed records, verdicts and alerts of calibd to a server, and
-keeps them until they are acknowledged.")
+  calibd_package(calibd-uplink net "calibd (= ${same_version})" "" "bring calibd's alerts to a fleet's server"
+    "It sends the signed events of calibd, verdicts, decisions and troubles, to an
+MQTT broker or into a file. They wait in calibd until they are acknowledged.")
 endif()
 
-set(CPACK_DEBIAN_CALIBD_PACKAGE_SUGGESTS "calibd-onnx, calibd-tools")
+set(CPACK_DEBIAN_CALIBD_PACKAGE_SUGGESTS "calibd-onnx, calibd-tools, calibd-uplink")
 set(scripts ${CMAKE_CURRENT_LIST_DIR})
 set(CPACK_DEBIAN_CALIBD_PACKAGE_CONTROL_EXTRA
     ${scripts}/postinst ${scripts}/prerm ${scripts}/postrm ${scripts}/conffiles)
+set(CPACK_DEBIAN_CALIBD-UPLINK_PACKAGE_CONTROL_EXTRA
+    ${scripts}/uplink/postinst ${scripts}/uplink/prerm ${scripts}/uplink/postrm ${scripts}/uplink/conffiles)
 if(CALIB_WITH_ONNX AND NOT onnxruntime::onnxruntime_is_private)
   # It is loaded, not linked, so that nothing finds this dependency by itself.
   get_target_property(onnxruntime_library onnxruntime::onnxruntime LOCATION)

@@ -292,6 +292,18 @@ TEST_CASE_METHOD(FeedFixture, "who edits what was told does not hide the loss of
   CHECK(events()[1]["data"]["previous"] == 0);
 }
 
+TEST_CASE_METHOD(FeedFixture, "who deletes what was told gets nothing signed") {
+  say(Verdict::drifted);
+  tamper("DELETE FROM feed; DELETE FROM outbox; INSERT INTO outbox VALUES(2, 0, 0, '" +
+         alert_text(alert_of(Verdict::calibrated)) + "')");
+  start_again();
+  CHECK(told().find("cleared") == std::string::npos);
+  CHECK(told().find("trouble") != std::string::npos);
+  tamper("DELETE FROM feed; DELETE FROM outbox");
+  start_again();
+  CHECK(told() == "trouble");
+}
+
 TEST_CASE_METHOD(FeedFixture, "alerts that an earlier version left in the outbox become events in their places") {
   for (std::uint64_t i = 5; i <= 7; ++i) {
     tamper("INSERT INTO outbox VALUES(" + std::to_string(i) + ", 0, 0, '" +

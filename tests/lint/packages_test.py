@@ -60,15 +60,17 @@ def field(packages, name, key):
 
 
 def test_the_network_and_the_tools_are_packages_of_their_own(packages, roots):
-    assert {"calibd", "calibd-onnx", "calibd-tools"} <= set(packages)
+    assert {"calibd", "calibd-onnx", "calibd-tools", "calibd-uplink"} <= set(packages)
     where = {program: {name for name, root in roots.items() if list(root.glob(f"usr/*bin/{program}"))}
-             for program in ("calibd", "calibctl", "calib-eval", "calib-sim", "calib-replay", "calib-check-model")}
-    assert where == {"calibd": {"calibd"}, "calibctl": {"calibd"}, "calib-eval": {"calibd-tools"},
+             for program in ("calibd", "calibctl", "calib-uplink", "calib-eval", "calib-sim", "calib-replay", "calib-check-model")}
+    assert where == {"calibd": {"calibd"}, "calibctl": {"calibd"}, "calib-uplink": {"calibd-uplink"}, "calib-eval": {"calibd-tools"},
                      "calib-sim": {"calibd-tools"}, "calib-replay": {"calibd-tools"}, "calib-check-model": {"calibd-tools"}}
     for path in ("etc/calibd/calibd.yaml", "usr/lib/systemd/system/calibd.service", "usr/share/man/man8/calibd.8.gz",
                  "usr/share/man/man5/calibd.yaml.5.gz", "usr/share/bash-completion/completions/calibctl",
                  "usr/share/zsh/vendor-completions/_calibctl", "usr/lib/systemd/catalog/calibd.catalog"):
         assert (roots["calibd"] / path).is_file(), path
+    for path in ("etc/calibd/uplink.yaml", "usr/lib/systemd/system/calib-uplink.service", "usr/share/man/man8/calib-uplink.8.gz"):
+        assert (roots["calibd-uplink"] / path).is_file(), path
     assert (roots["calibd-onnx"] / "usr/share/calibd/models/street-small.yaml").is_file()
     assert (roots["calibd-tools"] / "usr/share/calibd/calib-eval-plot").is_file()
     assert not [path for root in roots.values() for path in root.rglob("*") if "tests" in path.parts[-3:]]
@@ -117,7 +119,7 @@ def test_each_package_has_a_changelog_of_its_version_and_a_copyright(packages, r
 
 
 def test_the_scripts_of_the_packages_are_shell_and_ask_systemd_only_where_it_runs(source_dir):
-    for name in ("postinst", "prerm", "postrm"):
+    for name in ("postinst", "prerm", "postrm", "uplink/postinst", "uplink/prerm", "uplink/postrm"):
         script = source_dir / "systemd/package" / name
         assert run("sh", "-n", script).returncode == 0 and os.access(script, os.X_OK)
         text = script.read_text()

@@ -291,7 +291,7 @@ TEST_CASE("while the baseline is learned, the reason says how far the best extri
   vehicle.drive(monitor, 5);
   CHECK(monitor.reason() == "learning the baseline: 5 of 20 scenes");
   vehicle.drive(monitor, 10);
-  CHECK_THAT(monitor.reason(), Catch::Matchers::Matches("learning .*15 of 20 .* best extrinsic is within 0\\.[1-3] .*"));
+  CHECK_THAT(monitor.reason(), Catch::Matchers::Matches(".*15 of 20 .* is within 0\\.[1-3] degrees .*"));
 }
 
 TEST_CASE("a shift along one axis that changes the slopes of two is attributed to that axis") {

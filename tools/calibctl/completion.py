@@ -9,8 +9,8 @@ import subprocess
 import sys
 
 FILE_OPTIONS = re.compile(r"--(?:socket|config|public-key|out|with|image|cloud|recording)$")
-FOLDER_OPTIONS = re.compile(r"--(?:state-dir|to|export|overlay)$")
-FILE_COMMANDS = ("verify", "import", "check-config", "check-model")
+FOLDER_OPTIONS = re.compile(r"--(?:state-dir|to|export|overlay|journal)$")
+FILE_COMMANDS = ("verify", "import", "check-config", "check-model", "rotate-key")
 
 
 def said(program, *words):

@@ -3,8 +3,10 @@
 #include <systemd/sd-journal.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <charconv>
+#include <cstdint>
 #include <cstring>
 #include <memory>
 
@@ -70,7 +72,8 @@ Result<void> read_journal(const std::filesystem::path& folder, std::optional<Wal
   if (!journal) return propagate(journal);
   sd_journal* const entries = journal->get();
   const auto microseconds = [](WallTime time) {
-    return static_cast<std::uint64_t>(std::chrono::floor<std::chrono::microseconds>(time).count());
+    const std::int64_t since_1970 = std::chrono::floor<std::chrono::microseconds>(time).count();
+    return static_cast<std::uint64_t>(std::max<std::int64_t>(0, since_1970));
   };
   const bool ready =
       ::sd_journal_add_match(entries, "_SYSTEMD_UNIT=calibd.service", 0) >= 0 &&
