@@ -274,6 +274,7 @@ int main(int argc, char** argv) {
   // Under systemd the journal has the time already.
   spdlog::set_pattern(std::getenv("JOURNAL_STREAM") != nullptr ? "%v" : "%Y-%m-%dT%H:%M:%S.%e %^%l%$ %v");
 
+  if (auto enough = calib::require_open_files(); !enough && !check_only) return complain(enough.error(), exit_failed);
   const auto signal_fd = block_signals();  // before anything that takes time: none of them shall end calibd half way
   if (!signal_fd) return complain(signal_fd.error(), exit_failed);
   const auto state = folders_from_environment("STATE_DIRECTORY");
@@ -286,7 +287,6 @@ int main(int argc, char** argv) {
   }
   if (!config) return complain(config.error(), exit_config);
   if (check_only) return report_check(config_file, *config);
-  if (auto enough = calib::require_open_files(); !enough) return complain(enough.error(), exit_failed);
   // One core is what a vehicle gives; and one thread more would not change any result.
   cv::setNumThreads(1);
   auto key = calib::load_signing_key(*config);
