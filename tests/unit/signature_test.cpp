@@ -229,7 +229,9 @@ TEST_CASE("a message authentication code is of one key, one purpose and one mess
   CHECK_FALSE(key.is_mac("a purpose", "a message", ""));
 }
 
-TEST_CASE("a secret lies in memory that is not swapped out and not written into core files, and goes with the key") {
+// AddressSanitizer locks no memory.
+TEST_CASE("a secret lies in memory that is not swapped out and not written into core files, and goes with the key",
+          "[release-only]") {
   // VmFlags of proc(5): `lo` locked, `dd` not in core files.
   const auto locked_mappings = [] {
     std::ifstream file("/proc/self/smaps");
